@@ -1,0 +1,85 @@
+"""The values that flow through `render`: decoder -> Mesh, Gaussians -> Renderer -> picture.
+
+World: millimetres, +x is the subject's left, +y is up, +z is forward out of the face.
+Camera: OpenCV convention, x right, y down, z into the scene. Quaternions are wxyz.
+"""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.errors import InputError
+
+DEFAULT_BACKGROUND = (0.16, 0.16, 0.16)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """A triangle mesh of the head."""
+
+    vertices: NDArray[np.float32]  # [V, 3] mm
+    faces: NDArray[np.int32]  # [F, 3] indices into vertices
+
+
+@dataclass(frozen=True)
+class Gaussians:
+    """A cloud of coloured 3D Gaussians, in world space."""
+
+    means: NDArray[np.float32]  # [N, 3] mm
+    quats: NDArray[np.float32]  # [N, 4] wxyz, any non-zero length
+    scales: NDArray[np.float32]  # [N, 3] mm, standard deviations along the local axes
+    opacities: NDArray[np.float32]  # [N] 0..1
+    colors: NDArray[np.float32]  # [N, 3] 0..1, sRGB values; blending is done in these values
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    def check(self) -> None:
+        """Raise InputError unless every array has the shape stated above."""
+        n = len(self.means)
+        expected = {
+            "means": (n, 3),
+            "quats": (n, 4),
+            "scales": (n, 3),
+            "opacities": (n,),
+            "colors": (n, 3),
+        }
+        for name, shape in expected.items():
+            got = getattr(self, name).shape
+            if got != shape:
+                raise InputError(
+                    f"Gaussians.{name}: expected shape {list(shape)}, got {list(got)}; "
+                    f"give one row a Gaussian ({n} means)"
+                )
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A pinhole camera without distortion."""
+
+    viewmat: NDArray[np.float64]  # [4, 4] world to camera
+    K: NDArray[np.float64]  # [3, 3] px; pixel centres lie at +0.5
+    width: int  # px
+    height: int  # px
+    near_mm: float = 1.0  # Gaussians whose centre is nearer than this are not drawn
+    background: tuple[float, float, float] = DEFAULT_BACKGROUND  # 0..1, sRGB values
+
+
+class Renderer(Protocol):
+    """Draws Gaussians; the GL renderers and the numpy reference all satisfy this."""
+
+    name: str  # what draws, for reports, e.g. "tiles on llvmpipe (...)"
+
+    def draw(self, gaussians: Gaussians, camera: Camera) -> None:
+        """Draw one picture; its size is that of the camera."""
+        ...
+
+    def read_rgba(self) -> NDArray[np.uint8]:
+        """Return the last picture [H, W, 4], top row first; valid until the next read."""
+        ...
+
+    def close(self) -> None:
+        """Free everything; may be called twice."""
+        ...
