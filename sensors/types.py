@@ -1,0 +1,106 @@
+"""The types every sensor speaks: packets, frames, sources and clocks.
+
+Flow: device | Recording -> Source.poll -> packets -> Assembler -> SensorFrame -> Driver.
+Times are int64 nanoseconds on one monotonic axis; the left eye is index 0. Each 30 FPS frame is
+1600 new samples of 48 kHz mono sound plus the newest pair of eye pictures (paper section 3).
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+SAMPLE_RATE = 48_000
+FPS = 30
+SAMPLES_PER_FRAME = 1600
+EYE_SIZE = 400
+NS = 1_000_000_000
+EYE_NAMES = ("left", "right")
+
+
+class InputError(ValueError):
+    """Bad input: one line that says what, expected, got, and the next command."""
+
+
+@dataclass(frozen=True, eq=False)
+class AudioPacket:
+    """A run of sound as the device delivered it."""
+
+    t_ns: int  # time of the first sample
+    first_sample: int  # device counter of the first sample; a jump means lost sound
+    samples: NDArray[np.float32]  # [n] -1..1, 48 kHz mono
+    gap: bool = False  # True: the source knows that sound before or in this packet was lost
+
+
+@dataclass(frozen=True, eq=False)
+class EyePacket:
+    """One picture of one eye as the camera delivered it."""
+
+    t_ns: int
+    eye: int  # 0 left, 1 right
+    counter: int  # camera frame counter; a jump means lost pictures
+    image: NDArray[np.uint8]  # [H, W] infrared, 8-bit mono
+
+
+Packet = AudioPacket | EyePacket
+
+
+@dataclass(frozen=True, eq=False)
+class SensorFrame:
+    """All that one 30 FPS tick may know: nothing in it is later than `t_ns`."""
+
+    index: int
+    t_ns: int  # time at the END of its 1600 samples
+    audio: NDArray[np.float32]  # [1600] -1..1
+    eyes: NDArray[np.uint8] | None  # [2, 400, 400]; None until the first eye picture
+    eyes_valid: NDArray[np.bool_]  # [2] picture is fresh enough to be trusted
+    eyes_age_ns: NDArray[np.int64]  # [2] t_ns minus the picture's time; -1 where there is none
+    audio_gap: bool  # True: some of `audio` is silence put in place of lost sound
+
+
+@dataclass(frozen=True)
+class SourceInfo:
+    """What a source is and which streams it carries."""
+
+    name: str
+    audio: bool = True
+    eyes: tuple[int, ...] = ()  # the eye indices it can deliver
+    duration_ns: int | None = None  # None: live, unknown length
+    devices: Mapping[str, str] = field(default_factory=dict)  # stream -> device name
+
+
+class Source(Protocol):
+    """Anything that yields packets: a device, a recording, a synthetic signal."""
+
+    @property
+    def info(self) -> SourceInfo: ...
+
+    @property
+    def exhausted(self) -> bool:
+        """True once `poll` will never return a packet again."""
+        ...
+
+    @property
+    def dropped(self) -> int:
+        """Packets known to be lost since `open`."""
+        ...
+
+    def open(self) -> None: ...
+
+    def poll(self) -> list[Packet]:
+        """Return what arrived since the last call, in order, in device time; never block."""
+        ...
+
+    def close(self) -> None:
+        """Release the device; calling it twice is harmless."""
+        ...
+
+
+class Clock(Protocol):
+    """Where time comes from. Live code and tests differ only in the clock they are given."""
+
+    def now_ns(self) -> int: ...
+
+    def sleep_until_ns(self, t_ns: int) -> None: ...
