@@ -1,0 +1,92 @@
+"""Weights on disk: tensors in safetensors, everything else in a JSON card beside them.
+
+The card says what the tensors are (kind), the config that rebuilds the model, and a hash of the
+tensors, so that a wrong, cut or altered file is an error before anything runs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import fields
+from difflib import get_close_matches
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypeVar
+
+from sensors.types import InputError
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+FORMAT = 1
+KINDS = ("audio", "diffusion", "student")
+Config = TypeVar("Config")
+
+
+def tensors_sha256(tensors: Mapping[str, Tensor]) -> str:
+    """Hash over sorted names, types, shapes and bytes: independent of the file's layout."""
+    digest = hashlib.sha256()
+    for name in sorted(tensors):
+        array = tensors[name].detach().cpu().contiguous().numpy()
+        digest.update(f"{name} {array.dtype} {array.shape}\n".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
+
+
+def save(path: Path | str, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) -> None:
+    """Write `path`.safetensors and `path`.json; the card needs "kind" and "config"."""
+    from safetensors.torch import save_file
+
+    if card.get("kind") not in KINDS or "config" not in card:
+        raise InputError(
+            f"checkpoint card: expected kind in {KINDS} and a config, got {dict(card).get('kind')!r}; "
+            "set both before saving"
+        )
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    tensors = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    card = {"format": FORMAT, **card, "sha256": tensors_sha256(tensors)}
+    partial = path.with_name(path.name + ".partial")
+    save_file(tensors, partial)
+    partial.replace(path.with_name(path.name + ".safetensors"))
+    partial.write_text(json.dumps(card, indent=1) + "\n")
+    partial.replace(path.with_name(path.name + ".json"))
+
+
+def load(path: Path | str, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Read and verify `path`.safetensors + `path`.json -> tensors, card."""
+    from safetensors import SafetensorError
+    from safetensors.torch import load_file
+
+    path = Path(path)
+    remedy = f"train it with `livedrive train {kind if kind == 'audio' else 'diffusion'}` or restore the file"
+    try:
+        card = json.loads(path.with_name(path.name + ".json").read_text())
+        tensors = load_file(path.with_name(path.name + ".safetensors"))
+    except FileNotFoundError as error:
+        missing = Path(error.filename or f"{path}.safetensors").name
+        raise InputError(f"checkpoint {path}: expected a file {missing}, got none; {remedy}") from error
+    except (json.JSONDecodeError, UnicodeDecodeError, SafetensorError) as error:
+        raise InputError(f"checkpoint {path}: expected readable files, got: {error}; {remedy}") from error
+    if not isinstance(card, dict) or card.get("format") != FORMAT:
+        raise InputError(f"checkpoint {path}: expected a card of format {FORMAT}, got another; {remedy}")
+    if card.get("kind") != kind:
+        raise InputError(f"checkpoint {path}: expected kind {kind!r}, got {card.get('kind')!r}; {remedy}")
+    if card.get("sha256") != tensors_sha256(tensors):
+        raise InputError(f"checkpoint {path}: tensors are not those the card was written for; {remedy}")
+    return tensors, card
+
+
+def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:
+    """Build a config dataclass from a card's JSON; an unknown key is an error that names close ones."""
+    names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
+    for key in values:
+        if key not in names:
+            near = ", ".join(get_close_matches(key, names)) or ", ".join(names)
+            raise InputError(f"{kind.__name__}: expected known keys, got {key!r}; did you mean {near}?")
+    return kind(**{key: _tuples(value) for key, value in values.items()})
+
+
+def _tuples(value: Any) -> Any:
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value

@@ -1,0 +1,220 @@
+"""The online Transformer F: noisy expression codes, tau, audio and gaze -> clean codes x0.
+
+Paper section 4.1 and appendix "Online Transformer Architecture": conditions are concatenated with the noisy
+codes, tau enters through AdaLN, frame t attends to frames t - w .. t only, positions are RoPE.
+`step` keeps the keys and values of the last w frames: at a fixed tau this is the paper's outpainting, exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from math import log, pi
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from encoder.streaming import State
+
+
+@dataclass(frozen=True, kw_only=True)
+class DenoiserConfig:
+    expression_dim: int = 256
+    condition: Literal["gaze", "eyes"] = "gaze"
+    condition_dim: int = 6  # gaze: 2 unit vectors
+    audio_dim: int = 512
+    layers: int = 4
+    dim: int = 256
+    ff_dim: int = 512
+    heads: int = 4
+    window: int = 25  # w: a frame sees itself and w frames before it
+    attention: Literal["softmax", "linear"] = "softmax"
+    num_steps: int = 200  # N
+
+
+PRESETS = {
+    "debug": DenoiserConfig(layers=2, dim=64, ff_dim=128),
+    "default": DenoiserConfig(),
+    "paper": DenoiserConfig(layers=8, dim=512, ff_dim=1024),
+}
+
+
+def rope_angles(positions: Tensor, head_dim: int) -> tuple[Tensor, Tensor]:
+    """positions [T] int64 -> cos, sin [T, head_dim / 2] float64, reduced mod 2 pi before float32 can lose them."""
+    step = torch.arange(0, head_dim, 2, dtype=torch.float64, device=positions.device)
+    angles = positions[:, None].double() * torch.exp(step * (-log(10_000.0) / head_dim))
+    angles = torch.remainder(angles, 2 * pi)
+    return angles.cos(), angles.sin()
+
+
+def rotate(x: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
+    """Rotary embedding of x [B, H, T, D] by cos, sin [T, D / 2]; pairs are the two halves."""
+    a, b = x.chunk(2, -1)
+    return torch.cat([a * cos - b * sin, a * sin + b * cos], -1)
+
+
+def embed_tau(tau: Tensor, dim: int) -> Tensor:  # [B] -> [B, dim] sines and cosines
+    half = dim // 2
+    rate = torch.exp(torch.arange(half, device=tau.device) * (-log(10_000.0) / half))
+    angles = tau[:, None].float() * rate
+    return torch.cat([angles.cos(), angles.sin()], -1)
+
+
+class Attention(nn.Module):
+    """Self-attention over the window; new frames attend to cached ones and to each other."""
+
+    def __init__(self, config: DenoiserConfig) -> None:
+        super().__init__()
+        self.heads, self.kind = config.heads, config.attention
+        self.qkv = nn.Linear(config.dim, 3 * config.dim)
+        self.out = nn.Linear(config.dim, config.dim)
+
+    def forward(
+        self,
+        x: Tensor,  # [B, T, dim] new frames
+        past: tuple[Tensor, Tensor] | None,  # keys (not yet rotated), values [B, H, w, D]
+        rope: tuple[Tensor, Tensor],  # cos, sin [w + T, D / 2] (no past: [T, D / 2])
+        mask: Tensor,  # [T, w + T] bool
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:
+        batch, time, dim = x.shape
+        qkv = self.qkv(x).reshape(batch, time, 3, self.heads, dim // self.heads)
+        q, k, v = qkv.permute(2, 0, 3, 1, 4)  # [B, H, T, D]
+        if self.kind == "linear":
+            q, k = functional.elu(q) + 1, functional.elu(k) + 1
+        if past is not None:
+            k, v = torch.cat([past[0], k], 2), torch.cat([past[1], v], 2)
+        cos, sin = rope
+        turned_q, turned_k = rotate(q, cos[-time:], sin[-time:]), rotate(k, cos, sin)
+        if self.kind == "softmax":
+            y = functional.scaled_dot_product_attention(turned_q, turned_k, v, attn_mask=mask)
+        else:  # the appendix's form: RoPE in the numerator only
+            scores = (turned_q @ turned_k.transpose(2, 3)) * mask
+            total = ((q @ k.transpose(2, 3)) * mask).sum(-1, keepdim=True)
+            y = scores @ v / total
+        return self.out(y.transpose(1, 2).reshape(batch, time, dim)), (k, v)
+
+
+class Block(nn.Module):
+    """Attention and feed-forward, both modulated by tau (AdaLN with zero-initialised gates)."""
+
+    def __init__(self, config: DenoiserConfig) -> None:
+        super().__init__()
+        self.attention = Attention(config)
+        self.up = nn.Linear(config.dim, config.ff_dim)
+        self.down = nn.Linear(config.ff_dim, config.dim)
+        self.modulate = nn.Linear(config.dim, 6 * config.dim)
+        nn.init.zeros_(self.modulate.weight)
+        nn.init.zeros_(self.modulate.bias)
+
+    def forward(
+        self, x: Tensor, tau: Tensor, past: tuple[Tensor, Tensor] | None,
+        rope: tuple[Tensor, Tensor], mask: Tensor,
+    ) -> tuple[Tensor, tuple[Tensor, Tensor]]:  # fmt: skip
+        dim = x.shape[-1:]
+        shift1, scale1, gate1, shift2, scale2, gate2 = self.modulate(tau)[:, None].chunk(6, -1)
+        y = functional.layer_norm(x, dim) * (1 + scale1) + shift1
+        y, kept = self.attention(y, past, rope, mask)
+        x = x + gate1 * y
+        y = functional.layer_norm(x, dim) * (1 + scale2) + shift2
+        return x + gate2 * self.down(functional.gelu(self.up(y), approximate="tanh")), kept
+
+
+class Denoiser(nn.Module):
+    """Works in standardised code space; `standardise` and `unstandardise` cross the border."""
+
+    block_size = 1
+    ratio = Fraction(1)
+    delay = 0
+    expression_mean: Tensor
+    expression_std: Tensor
+
+    def __init__(self, config: DenoiserConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.register_buffer("expression_mean", torch.zeros(config.expression_dim))
+        self.register_buffer("expression_std", torch.ones(config.expression_dim))
+        self.null_audio = nn.Parameter(torch.zeros(config.audio_dim))
+        self.null_condition = nn.Parameter(torch.zeros(config.condition_dim))
+        inputs = config.expression_dim + config.audio_dim + config.condition_dim
+        self.input = nn.Linear(inputs, config.dim)
+        self.tau = nn.Sequential(
+            nn.Linear(config.dim, config.dim), nn.SiLU(), nn.Linear(config.dim, config.dim), nn.SiLU()
+        )
+        self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
+        self.norm = nn.LayerNorm(config.dim)
+        self.output = nn.Linear(config.dim, config.expression_dim)
+
+    def standardise(self, x: Tensor) -> Tensor:
+        return (x - self.expression_mean) / self.expression_std
+
+    def unstandardise(self, x: Tensor) -> Tensor:
+        return x * self.expression_std + self.expression_mean
+
+    def _inputs(
+        self, noisy: Tensor, audio: Tensor, condition: Tensor,
+        keep_audio: Tensor | None, keep_condition: Tensor | None,
+    ) -> Tensor:  # fmt: skip
+        if keep_audio is not None:
+            audio = torch.where(keep_audio[:, None, None], audio, self.null_audio)
+        if keep_condition is not None:
+            condition = torch.where(keep_condition[:, None, None], condition, self.null_condition)
+        return self.input(torch.cat([noisy, audio, condition], -1))
+
+    def _tau(self, tau: Tensor) -> Tensor:  # [B] -> [B, dim]
+        return self.tau(embed_tau(tau, self.config.dim).to(self.output.weight.dtype))
+
+    def _rope(self, positions: Tensor) -> tuple[Tensor, Tensor]:
+        cos, sin = rope_angles(positions, self.config.dim // self.config.heads)
+        return cos.to(self.output.weight.dtype), sin.to(self.output.weight.dtype)
+
+    def forward(
+        self,
+        noisy: Tensor,  # [B, T, 256] standardised codes with noise
+        tau: Tensor,  # [B] int64, 0..N
+        audio: Tensor,  # [B, T, A]
+        condition: Tensor,  # [B, T, condition_dim]
+        keep_audio: Tensor | None = None,  # [B] bool; False: the learned null
+        keep_condition: Tensor | None = None,  # [B] bool
+    ) -> Tensor:  # x0 [B, T, 256]
+        x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
+        positions = torch.arange(x.shape[1], device=x.device)
+        lag = positions[:, None] - positions[None]
+        mask = (lag >= 0) & (lag <= self.config.window)
+        rope, embedded = self._rope(positions), self._tau(tau)
+        for block in self.blocks:
+            x, _ = block(x, embedded, None, rope, mask)
+        return self.output(self.norm(x))
+
+    def init_state(self, batch: int) -> State:
+        """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
+        c, like = self.config, self.output.weight
+        shape = (c.layers, batch, c.heads, c.window, c.dim // c.heads)
+        frame = torch.zeros((), dtype=torch.int64)
+        return {"keys": like.new_zeros(shape), "values": like.new_zeros(shape), "frame": frame}
+
+    def step(
+        self, noisy: Tensor, tau: Tensor, audio: Tensor, condition: Tensor, state: State,
+        keep_audio: Tensor | None = None, keep_condition: Tensor | None = None,
+    ) -> tuple[Tensor, State]:  # fmt: skip
+        """Any number of new frames T, shapes as in `forward`; tau must stay the same in a stream."""
+        window = self.config.window
+        x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
+        time, frame = x.shape[1], state["frame"].to(x.device)
+        positions = frame + torch.arange(-window, time, device=x.device)
+        lag = positions[window:, None] - positions[None]
+        mask = (lag >= 0) & (lag <= window) & (positions >= 0)
+        fresh = (positions[:window] >= 0)[:, None]  # a stale slot may hold anything, even NaN
+        keys, values = torch.where(fresh, state["keys"], 0), torch.where(fresh, state["values"], 0)
+        rope, embedded = self._rope(positions), self._tau(tau)
+        kept = []
+        for i, block in enumerate(self.blocks):
+            x, (k, v) = block(x, embedded, (keys[i], values[i]), rope, mask)
+            kept.append((k[:, :, time:], v[:, :, time:]))
+        state = {
+            "keys": torch.stack([k for k, _ in kept]),
+            "values": torch.stack([v for _, v in kept]),
+            "frame": state["frame"] + time,
+        }
+        return self.output(self.norm(x)), state
