@@ -1,0 +1,39 @@
+# livedrive: make help
+VENV := .venv
+PY := $(VENV)/bin/python
+PYTHON ?= python3
+# Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
+PIP_ARGS ?=
+APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6
+
+.PHONY: setup system demo check bench help
+help:  ## this list
+	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*##/\t/'
+
+setup: $(VENV)/installed system  ## create .venv and install the locked set and the system's GL libraries
+
+$(VENV)/installed: requirements.lock pyproject.toml
+	$(PYTHON) -m venv $(VENV)
+	$(PY) -m pip install --quiet $(PIP_ARGS) -r requirements.lock
+	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps --editable .
+	touch $@
+
+system:
+	@if ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libOSMesa.so && \
+	    ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1; then exit 0; fi; \
+	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    apt-get update -qq && apt-get install -y -qq --no-install-recommends $(APT_PACKAGES) >/dev/null; \
+	else \
+	    echo "OpenGL libraries are missing. Run: sudo apt-get install $(APT_PACKAGES)"; exit 1; fi
+
+demo: setup  ## replay the demo recording into demo.mp4
+	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4
+
+check: setup  ## ruff, pyright, pytest
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/pyright
+	$(VENV)/bin/pytest
+
+bench: setup  ## latency of every stage and of the whole tick
+	$(VENV)/bin/livedrive bench

@@ -1,0 +1,1 @@
+"""Training of the prior: the face data in, `render/weights/` out."""
