@@ -1,10 +1,10 @@
-"""Raw waveform -> audio features, with zero lookahead (paper section 4.3 and appendix "audio encoders").
+"""Raw waveform -> audio features, zero lookahead (paper section 4.3, appendix "audio encoders").
 
-One network form, two sizes: strided causal convolutions shorten the waveform, causal convolutions with
-residuals add context. `compact` runs at 24 kHz (exactly 4 features of 128 a 30 FPS tick), `wav2vec-large`
-at 16 kHz has the shape of the fairseq model, so that its weights can be imported.
-Loudness: wav2vec normalises over the whole clip, which is not causal. Here the first layer divides by
-running statistics of the past (the config states this), all other layers by frozen ones.
+One network form, two sizes: strided causal convolutions shorten the waveform, causal convolutions
+with residuals add context. `compact` runs at 24 kHz (exactly 4 features of 128 a 30 FPS tick),
+`wav2vec-large` at 16 kHz has the shape of the fairseq model, so its weights can be imported.
+Loudness: wav2vec normalises over the whole clip, which is not causal. Here the first layer divides
+by running statistics of the past (the config states this), all other layers by frozen ones.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class AudioEncoderConfig:
     kind: Literal["compact", "wav2vec-large"] = "compact"
     sample_rate: int = 24_000
     layers: tuple[Layer, ...] = ((64, 10, 5), (128, 10, 5), (192, 4, 2), (256, 4, 2), (256, 4, 2))
-    context: tuple[tuple[int, int], ...] = ((3, 1), (3, 2), (3, 4), (3, 8), (3, 16), (3, 32))
+    context: tuple[tuple[int, int], ...] = tuple((3, 2**i) for i in range(6))  # kernel, dilation
     feature_dim: int = 128  # 0: no projection, features are as wide as the last layer
     first_norm: Literal["running", "frozen"] = "running"  # all other layers are always frozen
     norm_seconds: float = 4.0  # time constant of the running statistics, and weight of their prior
@@ -53,7 +53,8 @@ PRESETS = {
         kind="wav2vec-large",
         sample_rate=16_000,
         layers=(
-            (512, 10, 5), (512, 8, 4), (512, 4, 2), (512, 4, 2), (512, 4, 2), (512, 1, 1), (512, 1, 1),
+            (512, 10, 5), (512, 8, 4), (512, 4, 2), (512, 4, 2), (512, 4, 2),
+            (512, 1, 1), (512, 1, 1),
         ),
         context=tuple((kernel, 1) for kernel in range(2, 14)),
         feature_dim=0,

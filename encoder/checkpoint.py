@@ -40,7 +40,7 @@ def save(path: Path | str, tensors: Mapping[str, Tensor], card: Mapping[str, Any
 
     if card.get("kind") not in KINDS or "config" not in card:
         raise InputError(
-            f"checkpoint card: expected kind in {KINDS} and a config, got {dict(card).get('kind')!r}; "
+            f"checkpoint card: expected kind in {KINDS} and a config, got {card.get('kind')!r}; "
             "set both before saving"
         )
     path = Path(path)
@@ -60,31 +60,37 @@ def load(path: Path | str, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]
     from safetensors.torch import load_file
 
     path = Path(path)
-    remedy = f"train it with `livedrive train {kind if kind == 'audio' else 'diffusion'}` or restore the file"
+    stage = "audio" if kind == "audio" else "diffusion"
+
+    def fail(expected: str, got: object) -> InputError:
+        remedy = f"restore the file or run `livedrive train {stage}`"
+        return InputError(f"checkpoint {path}: expected {expected}, got {got}; {remedy}")
+
     try:
         card = json.loads(path.with_name(path.name + ".json").read_text())
         tensors = load_file(path.with_name(path.name + ".safetensors"))
     except FileNotFoundError as error:
-        missing = Path(error.filename or f"{path}.safetensors").name
-        raise InputError(f"checkpoint {path}: expected a file {missing}, got none; {remedy}") from error
+        raise fail("a .safetensors and a .json file", "not both") from error
     except (json.JSONDecodeError, UnicodeDecodeError, SafetensorError) as error:
-        raise InputError(f"checkpoint {path}: expected readable files, got: {error}; {remedy}") from error
+        raise fail("readable files", error) from error
     if not isinstance(card, dict) or card.get("format") != FORMAT:
-        raise InputError(f"checkpoint {path}: expected a card of format {FORMAT}, got another; {remedy}")
+        raise fail(f"a card of format {FORMAT}", "another")
     if card.get("kind") != kind:
-        raise InputError(f"checkpoint {path}: expected kind {kind!r}, got {card.get('kind')!r}; {remedy}")
+        raise fail(f"kind {kind!r}", repr(card.get("kind")))
     if card.get("sha256") != tensors_sha256(tensors):
-        raise InputError(f"checkpoint {path}: tensors are not those the card was written for; {remedy}")
+        raise fail("the tensors that the card was written for", "others")
     return tensors, card
 
 
 def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:
-    """Build a config dataclass from a card's JSON; an unknown key is an error that names close ones."""
+    """Build a config dataclass from a card's JSON; an unknown key is an error naming close ones."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     for key in values:
         if key not in names:
             near = ", ".join(get_close_matches(key, names)) or ", ".join(names)
-            raise InputError(f"{kind.__name__}: expected known keys, got {key!r}; did you mean {near}?")
+            raise InputError(
+                f"{kind.__name__}: expected known keys, got {key!r}; did you mean {near}?"
+            )
     return kind(**{key: _tuples(value) for key, value in values.items()})
 
 

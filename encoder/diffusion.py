@@ -24,8 +24,8 @@ NoiseSource = Callable[[Sequence[int]], Tensor]
 class Guidance:
     """Classifier-free guidance with conditional output c and unconditional output u.
 
-    "interpolate": u + w (c - u), so w = 1 is no guidance. "extrapolate": (1 + w) c - w u, so w = 1 is
-    strong guidance. The paper says "weight 1.0" without a formula, so both are named.
+    "interpolate": u + w (c - u), so w = 1 is no guidance. "extrapolate": (1 + w) c - w u, so w = 1
+    is strong guidance. The paper says "weight 1.0" without a formula, so both are named.
     """
 
     weight: float = 1.0
@@ -93,6 +93,6 @@ def sample_ddim(
 
 
 def frame_noise(seed: int, index: int, dim: int) -> NDArray[np.float32]:
-    """Gaussian noise [dim] of one frame, keyed by (seed, frame index), whatever was drawn before."""
+    """Gaussian noise [dim] of one frame, a function of (seed, frame index) and nothing else."""
     bits = np.random.Philox(key=seed, counter=[0, 0, 0, index])
     return np.random.Generator(bits).standard_normal(dim, dtype=np.float32)

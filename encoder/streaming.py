@@ -20,7 +20,7 @@ State = dict[str, Tensor]
 @runtime_checkable
 class Streamable(Protocol):
     """block_size: `step` takes a multiple of this many input items.
-    ratio: output items per input item; after n inputs floor(n * ratio) outputs exist.
+    ratio: output items per input item; after n inputs at least floor(n * ratio) outputs exist.
     delay: output k depends on inputs up to ceil((k + 1) / ratio) - 1 - delay and on no later one.
     """
 
@@ -53,26 +53,6 @@ class CausalConv(nn.Conv1d):
         x = torch.cat([context, x], -1)
         y = functional.conv1d(x, self.weight, self.bias, self.stride, 0, self.dilation)
         return y, x[..., x.shape[-1] - self.context :]
-
-
-class Stack(nn.Module):
-    """Puts `count` neighbouring features side by side: four 8.3 ms features -> one 30 FPS frame."""
-
-    delay = 0
-
-    def __init__(self, count: int) -> None:
-        super().__init__()
-        self.block_size = count
-        self.ratio = Fraction(1, count)
-
-    def init_state(self, batch: int) -> State:
-        return {}
-
-    def step(self, x: Tensor, state: State) -> tuple[Tensor, State]:
-        return self.forward(x), state
-
-    def forward(self, x: Tensor) -> Tensor:  # [B, T, C] -> [B, T / count, count * C]
-        return x.reshape(x.shape[0], x.shape[1] // self.block_size, -1)
 
 
 class Buffered(nn.Module):
