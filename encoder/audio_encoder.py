@@ -63,7 +63,7 @@ PRESETS = {
 
 
 def running_mean(x: Tensor, start: Tensor, keep: float) -> Tensor:
-    """Exponential mean of x [B, N, C] along N from start [B, C]; the n-th includes the n-th input."""
+    """Exponential mean of x [B, N, C] along N from start [B, C]; it includes the n-th input."""
     means, mean = [], start
     if x.shape[1] <= 16:
         for n in range(x.shape[1]):
