@@ -55,7 +55,7 @@ PEOPLE = {
         (0.33, 0.2, 0.12),
     ),
     "kofi": Person(
-        23, 0.5, "albedo/mh_young_darkskinned_male.jpg", "eye_brown.png", "short03_swept", None
+        23, 0.5, "albedo/mh_young_darkskinned_male.jpg", "eye_brown.png", "short01", None
     ),
 }
 
