@@ -1,0 +1,58 @@
+"""Cameras that look at the head. World: +x subject's left, +y up, +z forward, millimetres."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.errors import InputError
+from render.types import DEFAULT_BACKGROUND, Camera
+
+HEAD_CENTRE_MM = (0.0, 15.0, 0.0)  # between the chin (~ -110) and the top of the head (~ +140)
+PORTRAIT_SPAN_MM = 320.0  # what the shorter side of the picture shows at the target
+PORTRAIT_DISTANCE_MM = 900.0
+
+
+def look_at(
+    position_mm: NDArray[np.float64], target_mm: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """World-to-camera matrix [4, 4] of a level camera."""
+    forward = target_mm - position_mm
+    forward = forward / np.linalg.norm(forward)
+    right = np.cross(forward, (0.0, 1.0, 0.0))
+    right = right / np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(forward, right), forward])  # rows: x right, y down, z in
+    viewmat = np.eye(4)
+    viewmat[:3, :3] = rotation
+    viewmat[:3, 3] = -rotation @ position_mm
+    return viewmat
+
+
+def portrait(
+    width: int,
+    height: int,
+    yaw_deg: float = 0.0,
+    pitch_deg: float = 0.0,
+    distance_mm: float = PORTRAIT_DISTANCE_MM,
+    target_mm: tuple[float, float, float] = HEAD_CENTRE_MM,
+    background: tuple[float, float, float] = DEFAULT_BACKGROUND,
+) -> Camera:
+    """Head-and-neck portrait. The camera circles the target: yaw > 0 towards the subject's left,
+    pitch > 0 upwards; the lens is chosen so that the head has the same size at any distance."""
+    if width < 1 or height < 1:
+        raise InputError(f"picture size: expected at least 1x1, got {width}x{height}; set --size")
+    if abs(pitch_deg) > 89.0:
+        raise InputError(f"pitch: expected -89..89 degrees, got {pitch_deg:g}; set a smaller pitch")
+    if distance_mm <= 0.0:
+        raise InputError(f"camera distance: expected > 0 mm, got {distance_mm:g}; move it away")
+    yaw, pitch = np.radians(yaw_deg), np.radians(pitch_deg)
+    direction = np.array([np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)])
+    target = np.asarray(target_mm, np.float64)
+    focal_px = min(width, height) * distance_mm / PORTRAIT_SPAN_MM
+    K = np.array([[focal_px, 0.0, width / 2], [0.0, focal_px, height / 2], [0.0, 0.0, 1.0]])
+    return Camera(
+        viewmat=look_at(target + distance_mm * direction, target),
+        K=K,
+        width=width,
+        height=height,
+        near_mm=10.0,
+        background=background,
+    )

@@ -1,0 +1,166 @@
+"""Where OpenGL comes from: EGL (no display needed), OSMesa (no driver needed), or a window.
+
+One interface for all: `create_context(backend)` gives a GLContext whose `gl` is a moderngl
+context. Keep to one backend in a process; OSMesa and a hardware driver do not mix well.
+"""
+
+import ctypes
+import ctypes.util
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from render.errors import InputError
+
+if TYPE_CHECKING:
+    import moderngl
+
+BACKENDS = ("auto", "egl", "osmesa", "window")
+GL_VERSION = 430  # compute shaders and storage buffers
+SOFTWARE_NAMES = ("llvmpipe", "softpipe", "swrast", "swr")
+
+APT_LINES = {
+    "egl": "apt install libegl1 libgl1 libgl1-mesa-dri",
+    "osmesa": "apt install libosmesa6",
+    "window": "apt install libgl1 libgl1-mesa-dri xvfb",
+}
+
+
+@dataclass
+class GLContext:
+    """A current OpenGL context; the renderers see no difference between the backends."""
+
+    gl: "moderngl.Context"
+    backend: str  # egl | osmesa | window
+    window: Any = None  # the glfw window of osmesa (invisible) and window
+
+    @property
+    def renderer(self) -> str:
+        """The driver's own name, e.g. "llvmpipe (LLVM 15.0.6, 256 bits)"."""
+        return str(self.gl.info["GL_RENDERER"])
+
+    @property
+    def software(self) -> bool:
+        """True if the CPU draws."""
+        return any(name in self.renderer.lower() for name in SOFTWARE_NAMES)
+
+    def check_errors(self, where: str) -> None:
+        """Raise if any GL call since the last check has failed."""
+        error = self.gl.error
+        if error != "GL_NO_ERROR":
+            raise RuntimeError(f"{where}: {error} on {self.renderer}")
+
+    def close(self) -> None:
+        """Give the context back; may be called twice."""
+        if self.window is None:
+            self.gl.release()
+        else:
+            import glfw
+
+            glfw.destroy_window(self.window)
+            glfw.terminate()
+            self.window = None
+
+
+class _GlfwLoader:
+    """What moderngl asks of a foreign context: function addresses from glfw."""
+
+    def load_opengl_function(self, name: str) -> int:
+        import glfw
+
+        return ctypes.cast(glfw.get_proc_address(name), ctypes.c_void_p).value or 0
+
+    def __enter__(self) -> "_GlfwLoader":
+        return self
+
+    def __exit__(self, *_: object) -> None: ...
+
+    def release(self) -> None: ...
+
+
+def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) -> GLContext:
+    """Open a context; "auto" takes EGL, else OSMesa. `size` matters to "window" only."""
+    if backend not in BACKENDS:
+        raise InputError(
+            f"GL backend: expected one of {', '.join(BACKENDS)}, got {backend!r}; try auto"
+        )
+    if backend == "egl":
+        return _create_egl()
+    if backend == "osmesa":
+        return _create_osmesa()
+    if backend == "window":
+        return _create_window(size)
+    try:
+        return _create_egl()
+    except InputError as no_egl:
+        try:
+            return _create_osmesa()
+        except InputError as no_osmesa:
+            raise InputError(f"no OpenGL: {no_egl}; or: {no_osmesa}") from no_osmesa
+
+
+def _missing(backend: str, what: str, got: object) -> InputError:
+    return InputError(f"{what}: expected OpenGL {GL_VERSION}, got {got}; run: {APT_LINES[backend]}")
+
+
+def _create_egl() -> GLContext:
+    for library in ("EGL", "GL"):
+        if ctypes.util.find_library(library) is None:
+            raise _missing("egl", "EGL", f"no lib{library}")
+    import moderngl
+
+    try:
+        gl = moderngl.create_standalone_context(require=GL_VERSION, backend="egl")
+    except Exception as error:  # moderngl raises bare Exception for every failure of EGL
+        raise _missing("egl", "EGL", error) from error
+    return GLContext(gl, "egl")
+
+
+def _create_osmesa() -> GLContext:
+    if ctypes.util.find_library("OSMesa") is None:
+        raise _missing("osmesa", "OSMesa", "no libOSMesa")
+    import glfw
+
+    glfw.init_hint(glfw.PLATFORM, glfw.PLATFORM_NULL)
+    hints = {
+        glfw.CONTEXT_CREATION_API: glfw.OSMESA_CONTEXT_API,
+        glfw.VISIBLE: glfw.FALSE,
+    }
+    return _create_glfw("osmesa", hints, (16, 16))
+
+
+def _create_window(size: tuple[int, int]) -> GLContext:
+    import glfw
+
+    glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
+    return _create_glfw("window", {glfw.RESIZABLE: glfw.TRUE}, size)
+
+
+def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> GLContext:
+    import glfw
+    import moderngl
+
+    glfw.ERROR_REPORTING = "ignore"  # errors are read below, not printed
+    window = None
+    try:
+        if glfw.init():
+            for hint, value in hints.items():
+                glfw.window_hint(hint, value)
+            glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, GL_VERSION // 100)
+            glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, GL_VERSION // 10 % 10)
+            glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
+            window = glfw.create_window(*size, "livedrive", None, None)
+        if not window:
+            message = glfw.get_error()[1] or b"no window"
+            text = message.decode() if isinstance(message, bytes) else message
+            if backend == "window":
+                text += " (without a screen, start the command under xvfb-run)"
+            raise _missing(backend, f"glfw {backend}", text)
+        glfw.make_context_current(window)
+        gl = moderngl.create_context(require=GL_VERSION, context=_GlfwLoader())
+    except InputError:
+        glfw.terminate()
+        raise
+    except Exception as error:  # moderngl raises bare Exception
+        glfw.terminate()
+        raise _missing(backend, f"glfw {backend}", error) from error
+    return GLContext(gl, backend, window)

@@ -1,0 +1,15 @@
+// Premultiplied colour of one splat at one pixel; blended back to front by the fixed pipeline.
+#version 430
+in vec2 uv;
+flat in vec4 color;
+out vec4 premultiplied;
+
+const float CUTOFF = -7.9943534;  // log2(1 / 255)
+const float MAX_ALPHA = 0.999;
+
+void main() {
+    float power = color.a - dot(uv, uv);
+    if (power < CUTOFF) discard;
+    float alpha = min(exp2(power), MAX_ALPHA);
+    premultiplied = vec4(color.rgb * alpha, alpha);
+}
