@@ -26,7 +26,7 @@ REGION_DENSITY = {"lips": 2.6, "eyelids": 3.0, "brows": 1.8, "head_neck": 0.5}
 SCLERA_MATERIALS = ("M_ScleraLeft", "M_ScleraRight")
 CANDIDATES = 8  # darts thrown a Gaussian kept
 SPACING = 0.80  # smallest distance of two neighbours, in units of 1 / sqrt(density)
-WIDTH = 0.60  # standard deviation of a Gaussian in the same unit: closes the gaps
+WIDTH = 0.80  # standard deviation of a Gaussian in the same unit: closes the gaps
 KEY_LIGHT, FILL_LIGHT = np.array([0.35, 0.45, 0.82]), np.array([-0.7, 0.1, 0.7])
 
 
@@ -60,7 +60,7 @@ def place(face: FaceData, count: int, seed: int) -> Anchors:
     density *= count / (area * density).sum()
     triangles, barycentric = scatter(corners, area, density, rng)
     scales = WIDTH / np.sqrt(density[triangles])
-    opacities = np.full(len(triangles), 0.97, np.float32)
+    opacities = np.full(len(triangles), 0.99, np.float32)
     lashes = face.materials[triangles] == "M_EyeLashes"
     alpha = face.image("eyelash_alpha.png")
     alpha = alpha[..., 0] if alpha.ndim == 3 else alpha

@@ -60,7 +60,7 @@ PEOPLE = {
 }
 
 
-def run(face_folder: Path, out: Path, anchors: int = 26000, hairs: int = 5000, seed: int = 0) -> None:
+def run(face_folder: Path, out: Path, anchors: int = 30000, hairs: int = 6000, seed: int = 0) -> None:
     """Fit the prior, bake every avatar, and write weights and cards under `out`."""
     face = face_data.load(face_folder)
     command = f"livedrive train prior --face DIR --seed {seed}"
