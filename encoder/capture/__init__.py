@@ -1,0 +1,1 @@
+"""The synthetic capture stage: speech, motion curves and the data pack. Numbers only."""

@@ -1,0 +1,125 @@
+"""Stage 2: train the diffusion model, the teacher E_orig (paper section 4.1).
+
+L = L_simple + lambda * L_vel: squared error of x0 in standardised code space, and of the velocity
+of face vertices. Audio and gaze are dropped at random so that guidance has an unconditional model.
+"""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from encoder import checkpoint
+from encoder.denoiser import PRESETS as DENOISERS
+from encoder.denoiser import Denoiser, DenoiserConfig
+from encoder.diffusion import Schedule
+from encoder.training import loop
+from encoder.training.streams import Streams
+
+RigToCode = Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
+Vertices = Callable[[Tensor], Tensor]  # codes [B, T, 256] -> face vertices [B, T, V, 3] mm
+
+
+@dataclass(frozen=True, kw_only=True)
+class DiffusionConfig:
+    streams: Path
+    output: Path
+    state: Path
+    denoiser: DenoiserConfig = field(default_factory=lambda: DENOISERS["default"])
+    steps: int = 2000
+    batch: int = 32
+    frames: int = 80
+    rate: float = 1e-3
+    drop: float = 0.2  # classifier-free guidance dropout of each condition
+    velocity_weight: float = 0.3  # per mm^2 of vertex velocity error
+    seed: int = 0
+    resume: bool = False
+    note: tuple[tuple[str, str], ...] = ()
+
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "debug": {"denoiser": DENOISERS["debug"], "steps": 2, "batch": 2, "frames": 12},
+    "default": {},
+    "paper": {
+        "denoiser": DENOISERS["paper"],
+        "steps": 250_000,
+        "batch": 256,
+        "frames": 100,
+        "rate": 1e-4,
+    },
+}
+
+
+def velocity_loss(predicted: Tensor, truth: Tensor) -> Tensor:
+    """Vertices [B, T, V, 3] mm -> mean squared error of the frame-to-frame motion, mm^2."""
+    return (predicted - truth).diff(dim=1).square().sum(-1).mean()
+
+
+def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
+    """Standardise by the training codes; a constant code keeps a small spread instead of none."""
+    flat = codes.reshape(-1, codes.shape[-1]).astype(np.float64)
+    std = flat.std(0)
+    model.expression_mean.copy_(torch.tensor(flat.mean(0)))
+    model.expression_std.copy_(torch.tensor(np.maximum(std, 0.02 * std.max() + 1e-6)))
+
+
+def losses(
+    model: Denoiser,
+    batch: tuple[Tensor, Tensor, Tensor],
+    schedule: Schedule,
+    vertices: Vertices,
+    config: DiffusionConfig,
+) -> dict[str, Tensor]:
+    codes, audio, gaze = batch
+    x0 = model.standardise(codes)
+    # half of the draws at high noise: the student will live at tau = N
+    tau = torch.randint(1, schedule.num_steps + 1, (len(x0),))
+    tau = torch.where(torch.rand(len(x0)) < 0.25, torch.full_like(tau, schedule.num_steps), tau)
+    noisy = schedule.q_sample(x0, tau, torch.randn_like(x0))
+    keep = [torch.rand(len(x0)) >= config.drop for _ in range(2)]
+    predicted = model(noisy, tau, audio, gaze, keep_audio=keep[0], keep_condition=keep[1])
+    simple = (predicted - x0).square().mean()
+    velocity = velocity_loss(vertices(model.unstandardise(predicted)), vertices(codes))
+    return {
+        "simple": simple,
+        "velocity": velocity,
+        "total": simple + config.velocity_weight * velocity,
+    }
+
+
+def run(config: DiffusionConfig, rig_to_code: RigToCode, vertices: Vertices) -> dict[str, float]:
+    """Train and write the teacher with its card; returns the smoothed losses."""
+    torch.manual_seed(config.seed)
+    streams = Streams.load(config.streams, rig_to_code)
+    model, schedule = Denoiser(config.denoiser), Schedule(config.denoiser.num_steps)
+    fit_scale(model, streams.codes)
+
+    def step_losses(step: int) -> dict[str, Tensor]:
+        batch = streams.draw(
+            config.batch, config.frames, np.random.default_rng([config.seed, step])
+        )
+        return losses(model, batch, schedule, vertices, config)
+
+    modules = {"denoiser": model}
+    metrics = loop.train(
+        "diffusion", modules, loop.adamw(modules, config.rate), step_losses, steps=config.steps,
+        rate=config.rate, state_path=config.state, resume=config.resume,
+    )  # fmt: skip
+    card = {
+        "kind": "diffusion",
+        "config": asdict(config.denoiser),
+        "steps": config.steps,
+        "seed": config.seed,
+        "metrics": {key: round(value, 5) for key, value in metrics.items()},
+        **dict(config.note),
+    }
+    checkpoint.save(config.output, model.state_dict(), card)
+    return metrics
+
+
+def preset(name: str, **settings: Any) -> DiffusionConfig:
+    return replace(DiffusionConfig(**settings), **PRESETS[name])

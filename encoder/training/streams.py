@@ -1,0 +1,148 @@
+"""Training streams for the denoiser: features of the frozen audio encoder beside motion.
+
+Between the audio stage and diffusion. Clips are distorted, joined into streams of about half a
+minute (speech, rest, another voice), so the encoder's running statistics meet what they meet live,
+and encoded once. Voices without tracked motion get labels from the audio stage's own mouth head.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from encoder import checkpoint
+from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
+from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, SPEECH_COLUMNS
+from encoder.capture.dataset import Clip, read_pack
+from encoder.capture.motion import closing_weight
+from encoder.training.audio import Heads, Outputs, load_heads, stacked
+from encoder.training.augment import Crop, crop
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamConfig:
+    pack: Path
+    audio: Path  # the audio checkpoint, without suffix
+    heads: Path  # the heads of the audio stage, for labels of real voices
+    output: Path  # .npz to write
+    minutes: float = 200.0
+    stream_frames: int = 900
+    seed: int = 0
+    split: str = "train"
+    shares: tuple[tuple[str, float], ...] = (
+        ("rules", 0.4),
+        ("tracked", 0.2),
+        ("envelope", 0.25),
+        ("rest", 0.15),
+    )
+
+
+def labelled(part: Crop, truth: str, predict: Outputs) -> np.ndarray:
+    """The crop's curves [T, 53]; a real voice's mouth is what the rule-trained head hears in it."""
+    if truth != "envelope":
+        return part.rig
+    rig = part.rig.copy()
+    loud = rig[:, JAW_OPEN]
+    mouth = predict(part.clean)["rules"]
+    padded = np.pad(mouth, ((1, 1), (0, 0)), mode="edge")
+    mouth = 0.25 * padded[:-2] + 0.5 * mouth + 0.25 * padded[2:]
+    # speaking: the loudness was up within 5 frames before or 3 after
+    near = np.convolve(loud > 0.02, np.ones(9), mode="full")[3 : 3 + len(loud)]
+    gate = np.convolve(near > 0, [0.25, 0.5, 0.25], mode="same")
+    columns = list(SPEECH_COLUMNS)
+    rig[:, columns] = np.clip(mouth, 0, 1) * gate[:, None]
+    rig[:, JAW_OPEN] = gate * np.clip(0.5 * rig[:, JAW_OPEN] + 0.5 * loud, 0, 0.6)
+    rig[:, MOUTH_CLOSE] = np.minimum(rig[:, MOUTH_CLOSE], closing_weight(rig))
+    return rig
+
+
+def draw_stream(
+    groups: dict[str, list[Clip]],
+    config: StreamConfig,
+    predict: Outputs,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Random clips end to end: audio [800 T], rig [T, 53], gaze [T, 6]; T = stream_frames."""
+    names = [name for name, _ in config.shares if groups.get(name)]
+    share = np.array([value for name, value in config.shares if name in names])
+    audio, rig, gaze, frames = [], [], [], 0
+    while frames < config.stream_frames:
+        truth = str(rng.choice(names, p=share / share.sum()))
+        clip = groups[truth][rng.integers(len(groups[truth]))]
+        length = min(clip.num_frames, 300)
+        part = crop(clip, length, rng)
+        audio.append(part.audio)
+        rig.append(labelled(part, truth, predict))
+        gaze.append(part.gaze.reshape(length, 6))
+        frames += length
+    end = config.stream_frames
+    samples = end * (len(audio[0]) // len(rig[0]))
+    return np.concatenate(audio)[:samples], np.concatenate(rig)[:end], np.concatenate(gaze)[:end]
+
+
+def run(config: StreamConfig) -> Path:
+    """Encode and write features [S, T, A], rig [S, T, 53], gaze [S, T, 6], all float16."""
+    groups: dict[str, list[Clip]] = {}
+    for clip in read_pack(config.pack, config.split):
+        groups.setdefault(clip.truth, []).append(clip)
+    encoder, heads = load_encoder(config.audio), load_heads(config.heads)
+    predict = _predictor(encoder, heads)
+    count = max(1, round(config.minutes * 1800 / config.stream_frames))
+    rows = []
+    for index in tqdm(range(count), desc="streams", mininterval=2):
+        rng = np.random.default_rng([config.seed, index])
+        audio, rig, gaze = draw_stream(groups, config, predict, rng)
+        with torch.no_grad():
+            features = stacked(encoder, torch.tensor(audio)[None])[0].numpy()
+        rows.append([array.astype(np.float16) for array in (features, rig, gaze)])
+    features, rig, gaze = (np.stack(arrays) for arrays in zip(*rows, strict=True))
+    config.output.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(config.output, features=features, rig=rig, gaze=gaze)
+    return config.output
+
+
+def load_encoder(path: Path) -> AudioEncoder:
+    tensors, card = checkpoint.load(path, "audio")
+    encoder = AudioEncoder(checkpoint.config_from(AudioEncoderConfig, card["config"]))
+    encoder.load_state_dict(
+        {k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}
+    )
+    return encoder.eval()
+
+
+def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
+    @torch.no_grad()
+    def predict(audio: np.ndarray) -> dict[str, np.ndarray]:
+        features = stacked(encoder, torch.tensor(audio, dtype=torch.float32)[None])
+        return {name: value[0].numpy() for name, value in heads(features).items()}
+
+    return predict
+
+
+@dataclass(frozen=True)
+class Streams:
+    """What the denoiser learns from, in memory. codes are not standardised."""
+
+    features: np.ndarray  # [S, T, A] float16
+    codes: np.ndarray  # [S, T, 256] float32
+    gaze: np.ndarray  # [S, T, 6] float16
+
+    @staticmethod
+    def load(path: Path, rig_to_code: Callable[[np.ndarray], np.ndarray]) -> "Streams":
+        with np.load(path, allow_pickle=False) as data:
+            codes = rig_to_code(data["rig"].astype(np.float32)).astype(np.float32)
+            return Streams(data["features"], codes, data["gaze"])
+
+    def draw(
+        self, batch: int, frames: int, rng: np.random.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Random windows: codes [B, T, 256], audio [B, T, A], gaze [B, T, 6]."""
+        stream = rng.integers(len(self.codes), size=batch)
+        start = rng.integers(self.codes.shape[1] - frames + 1, size=batch)
+        arrays = (self.codes, self.features, self.gaze)
+        cut = [[a[s, t : t + frames] for s, t in zip(stream, start, strict=True)] for a in arrays]
+        codes, audio, gaze = (torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut)
+        return codes, audio, gaze
