@@ -1,0 +1,176 @@
+"""Eye videos of a session: FFV1 gray (exact) or x264 (small) in Matroska, one picture a packet.
+
+Flow: RecordingWriter -> EyeVideoWriter -> eye_*.mkv -> EyeVideoReader -> Recording -> EyePacket.
+Every FFV1 picture is a key frame and starts a cluster, so `kill -9` costs the one picture that the
+container still holds. Matroska times are milliseconds and only for players: the timeline is truth.
+"""
+
+from collections.abc import Iterator
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.types import EYE_SIZE, FPS, InputError
+
+EYE_CODECS = ("ffv1", "x264")
+MILLISECOND = Fraction(1, 1000)
+CONTAINER_OPTIONS = {"cluster_time_limit": "500", "flush_packets": "1"}
+FFV1_OPTIONS = {"level": "3", "slices": "4", "slicecrc": "1"}
+X264_OPTIONS = {"crf": "20", "preset": "medium", "bf": "0"}  # no B-frames: pictures stay in order
+FULL_RANGE = 2  # AVCOL_RANGE_JPEG: x264 has no gray here, its limited range would cost 36 levels
+
+
+class EyeVideoWriter:
+    """Appends [400, 400] pictures to one Matroska file."""
+
+    def __init__(self, path: Path, eye_codec: str) -> None:
+        import av
+
+        self.num_pictures = 0
+        self._last_pts = -1
+        self._gray = eye_codec == "ffv1"
+        self._container = av.open(str(path), "w", format="matroska", options=CONTAINER_OPTIONS)
+        name, options = ("ffv1", FFV1_OPTIONS) if self._gray else ("libx264", X264_OPTIONS)
+        stream: Any = self._container.add_stream(name, rate=FPS, options=options)
+        stream.width = stream.height = EYE_SIZE
+        stream.pix_fmt = "gray" if self._gray else "yuvj420p"
+        stream.codec_context.time_base = MILLISECOND
+        stream.codec_context.thread_count = 1  # frame threads would hold pictures back
+        if self._gray:
+            stream.codec_context.gop_size = 1
+        else:
+            stream.codec_context.color_range = FULL_RANGE
+        self._stream = stream
+
+    def append(
+        self,
+        image: NDArray[np.uint8],  # [400, 400]
+        t_ns: int,  # since the start of the session
+    ) -> int:
+        """Encode the picture; return its number in the file."""
+        import av
+
+        if self._gray:
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="gray")
+        else:
+            no_colour = np.full((EYE_SIZE // 2, EYE_SIZE), 128, np.uint8)
+            frame = av.VideoFrame.from_ndarray(np.concatenate([image, no_colour]), "yuvj420p")
+        self._last_pts = max(self._last_pts + 1, t_ns // 1_000_000)
+        frame.pts, frame.time_base = self._last_pts, MILLISECOND
+        self._container.mux(self._stream.encode(frame))
+        self.num_pictures += 1
+        return self.num_pictures - 1
+
+    def close(self) -> None:
+        self._container.mux(self._stream.encode(None))
+        self._container.close()
+
+
+class EyeVideoReader:
+    """Pictures by number, decoded lazily; reading forward costs one decode a picture."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._pictures: Iterator[NDArray[np.uint8] | None] | None = None
+        self._next = 0
+        self._current: NDArray[np.uint8] | None = None
+        with open_video(path) as container:
+            codec = container.streams.video[0].codec_context
+            self.codec: str = codec.name
+            if (codec.width, codec.height) != (EYE_SIZE, EYE_SIZE):
+                raise InputError(
+                    f"{path}: expected pictures of {EYE_SIZE} x {EYE_SIZE}, got "
+                    f"{codec.width} x {codec.height}; bring it in with: livedrive session create"
+                )
+
+    def picture(self, number: int) -> NDArray[np.uint8] | None:
+        """[400, 400], or None where the video has ended or this picture is damaged."""
+        if self._pictures is None or number < self._next - 1:
+            self.close()
+            self._pictures = self._decode()
+        while self._next <= number:
+            try:
+                self._current = next(self._pictures)
+            except StopIteration:
+                return None
+            self._next += 1
+        return self._current
+
+    def close(self) -> None:
+        """Release the file; the next `picture` opens it again."""
+        if self._pictures is not None:
+            self._pictures.close()  # type: ignore[attr-defined]  # a generator
+        self._pictures, self._next, self._current = None, 0, None
+
+    def _decode(self) -> Iterator[NDArray[np.uint8] | None]:
+        from av import error as av_error
+
+        with open_video(self._path) as container:
+            stream = container.streams.video[0]
+            stream.codec_context.thread_count = 1
+            try:
+                for packet in container.demux(stream):
+                    try:
+                        frames = packet.decode()
+                    except av_error.InvalidDataError:
+                        yield None  # damaged; the numbers of the later pictures stay right
+                        continue
+                    for frame in frames:
+                        yield gray(frame)
+            except av_error.FFmpegError:
+                return  # cut off in the middle: the video ends here
+
+
+def open_video(path: Path) -> Any:
+    """Open for reading; raise unless it is a video."""
+    import av
+    from av import error as av_error
+
+    if not path.is_file():
+        raise InputError(f"{path}: expected an eye video, got no such file; check the name")
+    try:
+        container = av.open(str(path))
+    except (av_error.FFmpegError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InputError(
+            f"{path}: expected a video, got something else ({reason}); give an mkv, mp4 or avi"
+        ) from None
+    if not container.streams.video:
+        container.close()
+        raise InputError(f"{path}: expected a video, got no picture stream; check the file")
+    return container
+
+
+def gray(
+    frame: Any,  # av.VideoFrame of any format
+) -> NDArray[np.uint8]:
+    """[H, W] full-range brightness; the luma plane itself where it is that already."""
+    full_range = frame.format.name in ("gray", "yuvj420p", "yuvj422p", "yuvj444p")
+    if not full_range:
+        return frame.to_ndarray(format="gray")
+    plane = frame.planes[0]
+    rows = np.frombuffer(plane, np.uint8).reshape(-1, plane.line_size)
+    return rows[: frame.height, : frame.width].copy()
+
+
+def count_pictures(path: Path) -> int:
+    """Whole pictures in a video that may have been cut off; reads it, decodes only the last."""
+    import av
+    from av import error as av_error
+
+    count, last = 0, None
+    try:
+        with av.open(str(path)) as container:
+            for packet in container.demux(video=0):
+                if packet.size and not packet.is_corrupt:
+                    count, last = count + 1, packet
+            if last is not None and not last.decode():
+                count -= 1
+    except av_error.InvalidDataError:
+        return max(count - 1, 0)
+    except (av_error.FFmpegError, IndexError):
+        return count
+    return count
