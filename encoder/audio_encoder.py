@@ -70,12 +70,10 @@ def running_mean(x: Tensor, start: Tensor, keep: float) -> Tensor:
             mean = keep * mean + (1 - keep) * x[:, n]
             means.append(mean[:, None])
         return torch.cat(means, 1) if means else x
-    for part in x.split(256, 1):  # many at once: a triangular matrix of powers
-        age = torch.arange(part.shape[1], dtype=torch.float64, device=x.device)
-        lag = age[:, None] - age[None]
-        weight = torch.where(lag >= 0, (1 - keep) * keep ** lag.clamp(min=0), 0).to(x.dtype)
-        carried = (keep ** (age + 1)).to(x.dtype)[:, None] * mean[:, None]
-        means.append(weight @ part + carried)
+    for part in x.split(256, 1):  # many at once: a cumulative sum of the inputs, scaled by age
+        age = torch.arange(1, part.shape[1] + 1, dtype=torch.float64, device=x.device)[:, None]
+        decay = (keep**age).to(x.dtype)
+        means.append(decay * (mean[:, None] + ((1 - keep) * part / decay).cumsum(1)))
         mean = means[-1][:, -1]
     return torch.cat(means, 1)
 

@@ -1,0 +1,80 @@
+"""A checkpoint comes back as it was saved, and every damaged one is one line of InputError."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+import torch
+
+from encoder.checkpoint import config_from, load, save
+from encoder.denoiser import PRESETS, Denoiser, DenoiserConfig
+from sensors.types import InputError
+
+
+def saved(folder: Path) -> tuple[Path, Denoiser]:
+    torch.manual_seed(0)
+    denoiser = Denoiser(PRESETS["debug"])
+    card = {"kind": "student", "config": asdict(denoiser.config), "steps": 3}
+    save(folder / "student", denoiser.state_dict(), card)
+    return folder / "student", denoiser
+
+
+def test_round_trip(tmp_path: Path) -> None:
+    path, denoiser = saved(tmp_path)
+    tensors, card = load(path, "student")
+    assert card["steps"] == 3 and config_from(DenoiserConfig, card["config"]) == PRESETS["debug"]
+    for name, tensor in denoiser.state_dict().items():
+        assert torch.equal(tensors[name], tensor)
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["student.json", "student.safetensors"]
+
+
+def truncate(path: Path) -> None:
+    file = path.with_suffix(".safetensors")
+    file.write_bytes(file.read_bytes()[:-100])
+
+
+def alter(path: Path) -> None:
+    file = path.with_suffix(".safetensors")
+    data = bytearray(file.read_bytes())
+    data[-5] ^= 1
+    file.write_bytes(bytes(data))
+
+
+def remove(path: Path) -> None:
+    path.with_suffix(".json").unlink()
+
+
+def not_json(path: Path) -> None:
+    path.with_suffix(".json").write_bytes(b"\xff{")
+
+
+def other_format(path: Path) -> None:
+    path.with_suffix(".json").write_text("[]")
+
+
+@pytest.mark.parametrize("damage", [truncate, alter, remove, not_json, other_format])
+def test_damage_is_an_input_error(tmp_path: Path, damage: Callable[[Path], None]) -> None:
+    path, _ = saved(tmp_path)
+    damage(path)
+    with pytest.raises(InputError, match="expected .* got .*livedrive train"):
+        load(path, "student")
+
+
+def test_wrong_kind(tmp_path: Path) -> None:
+    path, _ = saved(tmp_path)
+    with pytest.raises(InputError, match="expected kind 'audio', got 'student'"):
+        load(path, "audio")
+    with pytest.raises(InputError, match="kind"):
+        save(path, {}, {"kind": "other", "config": {}})
+
+
+def test_unknown_config_key_names_the_close_one(tmp_path: Path) -> None:
+    path, _ = saved(tmp_path)
+    card = json.loads(path.with_suffix(".json").read_text())
+    card["config"]["windw"] = card["config"].pop("window")
+    with pytest.raises(InputError, match="'windw'; did you mean window"):
+        config_from(DenoiserConfig, card["config"])
