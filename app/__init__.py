@@ -1,0 +1,1 @@
+"""The application: command line, driving loop, sinks. It composes sensors, encoder and render."""

@@ -1,0 +1,69 @@
+"""`livedrive doctor`: is everything here that the head needs? One line a part, with the cure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(kw_only=True)
+class Doctor:
+    """Check the installation; exit status 1 when a part is missing."""
+
+    def run(self) -> None:
+        failed = 0
+        for name, check in CHECKS.items():
+            try:
+                print(f"ok      {name}: {check()}")
+            except (OSError, ImportError, ValueError, RuntimeError) as error:
+                failed += 1
+                print(f"FAILED  {name}: {' '.join(str(error).split())}")
+        if failed:
+            raise SystemExit(1)
+
+
+def _opengl(backend: str) -> Callable[[], str]:
+    def check() -> str:
+        from render.renderer import create_renderer
+
+        renderer = create_renderer(backend)
+        name = renderer.name
+        renderer.close()
+        return name
+
+    return check
+
+
+def _encoder() -> str:
+    from encoder.inference import load_driver
+
+    driver = load_driver()
+    return f"{driver.backend.name}, condition {driver.config.condition}"
+
+
+def _avatars() -> str:
+    from render import identity
+    from render.decoder import Decoder
+
+    Decoder.load()
+    return ", ".join(identity.load(name).name for name in identity.names())
+
+
+def _video() -> str:
+    import av
+
+    return f"PyAV {av.__version__}, H.264 {av.codec.Codec('libx264', 'w').long_name}"
+
+
+def _torch() -> str:
+    import torch
+
+    gpu = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no CUDA GPU (not needed)"
+    return f"PyTorch {torch.__version__}, {gpu}"
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "OpenGL (EGL)": _opengl("egl"),
+    "encoder": _encoder,
+    "avatars": _avatars,
+    "video": _video,
+    "torch": _torch,
+}

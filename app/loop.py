@@ -1,0 +1,122 @@
+"""The driving loop: packets in, pictures out (DESIGN flow).
+
+    Source.poll -> Assembler -> SensorFrame -> Driver.step -> DrivenFrame
+                -> Decoder -> Gaussians -> Renderer -> picture -> sinks
+
+Two rules: a frame exists when its 1600 samples exist, and every frame is stepped. After a stall
+the loop steps through all queued frames and draws the newest: it never skips a step, it skips a
+draw. Live and replay differ only in the source and the clock that are passed in.
+"""
+
+import gc
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sinks.sink import FrameResult, RunInfo, Sink
+from app.stages import Stages
+from encoder.driver import DrivenFrame, Driver
+from render.decoder import Decoder
+from render.identity import Identity
+from render.types import Camera, Renderer
+from sensors.assemble import Assembler
+from sensors.types import FPS, NS, Clock, Source
+
+
+@dataclass
+class Head:
+    """What turns a driven frame into a picture."""
+
+    decoder: Decoder
+    identity: Identity
+    renderer: Renderer
+    camera: Camera
+
+
+@dataclass
+class Summary:
+    """What a run did."""
+
+    frames: int = 0  # stepped
+    dropped: int = 0  # stepped and not drawn
+    late_ns: int = 0  # how far the worst tick ran over its deadline
+
+
+def drive(
+    source: Source,
+    driver: Driver,
+    head: Head | None,  # None: codes only, nothing is drawn
+    sinks: Sequence[Sink],
+    clock: Clock,
+    stages: Stages,
+    info: RunInfo,
+    seed: int,
+    realtime: bool,
+) -> Summary:
+    """Run until the source is exhausted or Ctrl-C; sinks are closed either way."""
+    summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
+    opened: list[Sink] = []
+    collecting = gc.isenabled()
+    try:
+        for sink in sinks:
+            sink.on_start(info)
+            opened.append(sink)
+        source.open()
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        start_ns = clock.now_ns()
+        while not source.exhausted:
+            if realtime:
+                # The frame after next can only be complete at this absolute time.
+                clock.sleep_until_ns(start_ns + (summary.frames + 1) * NS // FPS)
+            with stages("tick"):
+                with stages("assemble"):
+                    for packet in source.poll():
+                        assembler.push(packet)
+                    frames = assembler.ready()
+                for frame in frames:
+                    driven, state = driver.step(frame, state, stages)
+                    summary.frames += 1
+                    newest = frame is frames[-1]
+                    summary.dropped += not newest
+                    picture = _draw(head, driven, stages) if head and newest else None
+                    with stages("sinks"):
+                        result = FrameResult(frame, driven, picture)
+                        for sink in opened:
+                            sink.on_frame(result)
+            if realtime:
+                due_ns = start_ns + (summary.frames + 1) * NS // FPS
+                summary.late_ns = max(summary.late_ns, clock.now_ns() - due_ns)
+                if not frames:
+                    clock.sleep_until_ns(clock.now_ns() + NS // 1000)
+    finally:
+        if collecting:
+            gc.enable()
+        gc.unfreeze()
+        source.close()
+        _close(opened)
+    return summary
+
+
+def _draw(head: Head, driven: DrivenFrame, stages: Stages) -> NDArray[np.uint8]:
+    with stages("decode"):
+        _, gaussians = head.decoder.decode(driven.expression, driven.gaze, head.identity)
+    with stages("draw"):
+        head.renderer.draw(gaussians, head.camera)
+    with stages("readback"):
+        return head.renderer.read_rgba()
+
+
+def _close(sinks: list[Sink]) -> None:
+    """Close every sink even when one fails; the first failure is raised at the end."""
+    failures: list[BaseException] = []
+    for sink in sinks:
+        try:
+            sink.close()
+        except OSError as error:
+            failures.append(error)
+    if failures:
+        raise failures[0]

@@ -1,0 +1,50 @@
+"""The command line `livedrive`. Every command is a small class with `run`; see `livedrive -h`.
+
+Errors end in one line and a status: 2 for bad input, 1 for a failure while running, 130 on Ctrl-C.
+"""
+
+import sys
+from typing import Annotated
+
+import tyro
+from tyro.conf import subcommand
+
+from app.avatar import Avatar
+from app.bench import Bench
+from app.capture import Capture
+from app.doctor import Doctor
+from app.replay import Replay
+from app.session import Session
+from app.train import Train
+
+Command = (
+    Annotated[Replay, subcommand("replay")]
+    | Annotated[Session, subcommand("session")]
+    | Annotated[Avatar, subcommand("avatar")]
+    | Annotated[Capture, subcommand("capture")]
+    | Annotated[Train, subcommand("train")]
+    | Annotated[Bench, subcommand("bench")]
+    | Annotated[Doctor, subcommand("doctor")]
+)
+
+
+def main() -> None:
+    """Entry point of the console script."""
+    from render.errors import InputError as RenderInputError
+    from sensors.types import InputError
+
+    command = tyro.cli(Command, prog="livedrive", config=(tyro.conf.FlagCreatePairsOff,))
+    try:
+        command.run()
+    except (InputError, RenderInputError) as error:
+        _fail(str(error), 2)
+    except OSError as error:
+        where = f" ({error.filename})" if error.filename else ""
+        _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)
+    except KeyboardInterrupt:
+        _fail("stopped", 130)
+
+
+def _fail(message: str, status: int) -> None:
+    print("livedrive: " + " ".join(message.split()), file=sys.stderr)
+    raise SystemExit(status)

@@ -1,0 +1,76 @@
+"""`livedrive session create | info | export`: sessions made of ordinary files, and back."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import Positional, subcommand
+
+
+@dataclass(kw_only=True)
+class Create:
+    """Make a session from a sound file, with or without two eye videos."""
+
+    folder: Positional[Path]
+    """Folder to create."""
+    audio: Path
+    """Any sound file that libsndfile reads; it becomes 48 kHz mono."""
+    eyes: tuple[Path, Path] | None = None
+    """Video of the left and of the right eye."""
+    codec: str = "ffv1"
+    """ffv1 (lossless) or x264 (small)."""
+
+    def run(self) -> None:
+        from datetime import UTC, datetime
+
+        from sensors import session
+
+        created = datetime.now(UTC).isoformat(timespec="seconds")
+        made = session.create(
+            self.folder, self.audio, self.eyes or (), created=created, eye_codec=self.codec
+        )
+        for warning in made.pop("warnings"):
+            print(f"warning: {warning}")
+        print(json.dumps(made, indent=2))
+        print(f"next: livedrive replay {self.folder} --video out.mp4")
+
+
+@dataclass(kw_only=True)
+class Info:
+    """Show what a session holds."""
+
+    folder: Positional[Path]
+
+    def run(self) -> None:
+        from sensors import session
+
+        print(json.dumps(session.info(self.folder), indent=2))
+
+
+@dataclass(kw_only=True)
+class Export:
+    """Write both eyes side by side with the sound as one video."""
+
+    folder: Positional[Path]
+    out: Positional[Path]
+
+    def run(self) -> None:
+        from sensors import session
+
+        print(json.dumps(session.export(self.folder, self.out), indent=2))
+
+
+@dataclass(kw_only=True)
+class Session:
+    """Sessions as files: create | info | export."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[
+        Annotated[Create, subcommand("create")]
+        | Annotated[Info, subcommand("info")]
+        | Annotated[Export, subcommand("export")]
+    ]
+
+    def run(self) -> None:
+        self.command.run()

@@ -1,0 +1,1 @@
+"""Where driven frames go: video, pictures, motion, ARKit tables. One file a sink."""

@@ -1,0 +1,27 @@
+"""PNG pictures of every n-th frame, named by frame index."""
+
+from pathlib import Path
+
+from app.sinks.sink import FrameResult, RunInfo
+from sensors.types import InputError
+
+
+class PictureSink:
+    def __init__(self, folder: Path, every: int) -> None:
+        if every < 1:
+            raise InputError(f"--every: expected 1 or more frames, got {every}; try --every 30")
+        self._folder, self._every = folder, every
+
+    def on_start(self, info: RunInfo) -> None:
+        self._folder.mkdir(parents=True, exist_ok=True)
+
+    def on_frame(self, result: FrameResult) -> None:
+        from PIL import Image
+
+        index = result.driven.index
+        if result.picture is not None and index % self._every == 0:
+            picture = Image.fromarray(result.picture[..., :3])
+            picture.save(self._folder / f"frame_{index:06d}.png")
+
+    def close(self) -> None:
+        pass

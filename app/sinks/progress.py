@@ -1,0 +1,16 @@
+"""A progress bar on the terminal."""
+
+from app.sinks.sink import FrameResult, RunInfo
+
+
+class ProgressSink:
+    def on_start(self, info: RunInfo) -> None:
+        from tqdm import tqdm
+
+        self._bar = tqdm(total=info.frames, unit="frame", desc="driving", disable=None)
+
+    def on_frame(self, result: FrameResult) -> None:
+        self._bar.update()
+
+    def close(self) -> None:
+        self._bar.close()

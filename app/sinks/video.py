@@ -1,0 +1,69 @@
+"""H.264 video with the session's sound, in step to the sample.
+
+The file is written in fragments, so that what was written before a crash or a full disk plays.
+"""
+
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.sinks.sink import FrameResult, RunInfo
+from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
+
+CONTAINERS = (".mp4", ".mkv", ".mov")
+
+
+class VideoSink:
+    """Every tick is one picture; a tick without a picture repeats the last one."""
+
+    def __init__(self, path: Path) -> None:
+        if path.suffix.lower() not in CONTAINERS:
+            raise InputError(
+                f"--video: expected a name ending in {', '.join(CONTAINERS)}, got {path.name!r}; "
+                f"try --video {path.stem or 'out'}.mp4"
+            )
+        if not path.parent.is_dir():
+            raise InputError(
+                f"--video: expected a folder {path.parent}, got none; run: mkdir -p {path.parent}"
+            )
+        self._path = path
+        self._last: NDArray[np.uint8] | None = None
+        self._count = 0
+
+    def on_start(self, info: RunInfo) -> None:
+        import av
+
+        options = {} if self._path.suffix == ".mkv" else {"movflags": "frag_keyframe+empty_moov"}
+        self._container = av.open(str(self._path), "w", options=options)
+        self._video = self._container.add_stream("libx264", rate=FPS)
+        self._video.width, self._video.height = info.width, info.height
+        self._video.pix_fmt = "yuv420p"
+        self._video.options = {"crf": "18", "preset": "veryfast", "g": str(FPS), "threads": "1"}
+        self._audio = self._container.add_stream("aac", rate=SAMPLE_RATE)
+        self._audio.layout = "mono"
+        self._audio.bit_rate = 128_000
+
+    def on_frame(self, result: FrameResult) -> None:
+        import av
+
+        if result.picture is not None:
+            self._last = result.picture
+        if self._last is None:
+            height, width = self._video.height, self._video.width
+            self._last = np.zeros((height, width, 4), np.uint8)
+        picture = av.VideoFrame.from_ndarray(self._last, format="rgba")
+        picture.pts, picture.time_base = self._count, Fraction(1, FPS)
+        sound = av.AudioFrame.from_ndarray(result.sensors.audio[None], "fltp", "mono")
+        sound.sample_rate, sound.pts = SAMPLE_RATE, self._count * SAMPLES_PER_FRAME
+        sound.time_base = Fraction(1, SAMPLE_RATE)
+        self._container.mux(self._video.encode(picture))
+        self._container.mux(self._audio.encode(sound))
+        self._count += 1
+
+    def close(self) -> None:
+        if self._count:
+            self._container.mux(self._video.encode(None))
+            self._container.mux(self._audio.encode(None))
+        self._container.close()
