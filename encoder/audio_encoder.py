@@ -143,11 +143,17 @@ class AudioEncoder(nn.Module):
         self.context_norms = nn.ModuleList(FrozenNorm(last) for _ in config.context)
         self.project = nn.Linear(last, config.feature_dim) if config.feature_dim else nn.Identity()
 
-    def init_state(self, batch: int) -> State:
+    def layers(self) -> list[tuple[CausalConv, RunningNorm | FrozenNorm]]:
+        """Every convolution with its norm, in the order of the flow: strided ones, then context."""
         convs = [*self.convs, *self.context_convs]
-        state = {f"conv{i}": conv.init_context(batch) for i, conv in enumerate(convs)}
-        if isinstance(self.norms[0], RunningNorm):
-            state["statistics"] = self.norms[0].init_statistics(batch)
+        norms = [*self.norms, *self.context_norms]
+        return list(zip(convs, norms, strict=True))  # type: ignore[arg-type]
+
+    def init_state(self, batch: int) -> State:
+        state = {f"conv{i}": c.init_context(batch) for i, (c, _) in enumerate(self.layers())}
+        first = self.layers()[0][1]
+        if isinstance(first, RunningNorm):
+            state["statistics"] = first.init_statistics(batch)
         return state
 
     def step(self, x: Tensor, state: State) -> tuple[Tensor, State]:
@@ -155,19 +161,20 @@ class AudioEncoder(nn.Module):
         if x.shape[1] == 0:
             return x.new_zeros(x.shape[0], 0, self.config.width), state
         state, x = dict(state), x.transpose(1, 2)
-        for i, (conv, norm) in enumerate(zip(self.convs, self.norms, strict=True)):
-            x, state[f"conv{i}"] = conv.step(x, state[f"conv{i}"])
+        for i, (conv, norm) in enumerate(self.layers()):
+            y, state[f"conv{i}"] = conv.step(x, state[f"conv{i}"])
             if isinstance(norm, RunningNorm):
-                x, state["statistics"] = norm.step(x, state["statistics"])
+                y, state["statistics"] = norm.step(y, state["statistics"])
             else:
-                x = norm(x)
-            x = functional.relu(x)
-        x = torch.log1p(x)  # log(1 + |x|) after a ReLU
-        for i, (conv, norm) in enumerate(zip(self.context_convs, self.context_norms, strict=True)):
-            key = f"conv{len(self.convs) + i}"
-            y, state[key] = conv.step(x, state[key])
-            x = (functional.relu(norm(y)) + x) * 0.5**0.5
+                y = norm(y)
+            x = self.join(i, x, functional.relu(y))
         return self.project(x.transpose(1, 2)), state
+
+    def join(self, i: int, x: Tensor, y: Tensor) -> Tensor:
+        """What leaves layer i with input x and activation y: log compression, then residuals."""
+        if i >= len(self.convs):
+            return (y + x) * 0.5**0.5
+        return torch.log1p(y) if i == len(self.convs) - 1 else y
 
     def forward(self, x: Tensor) -> Tensor:  # [B, T, 1] -> [B, T / stride, width]
         return self.step(x, self.init_state(x.shape[0]))[0]

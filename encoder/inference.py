@@ -87,9 +87,9 @@ class TorchBackend:
     ) -> tuple[Array, BackendState]:
         import torch
 
-        inputs = [self._tensor(x, 1, 1, -1) for x in (noise, features, condition)]
+        x, a, g = (self._tensor(x, 1, 1, -1) for x in (noise, features, condition))
         with torch.inference_mode():
-            y, after = self.denoiser.step(inputs[0], self.tau, *inputs[1:], state["past"])
+            y, after = self.denoiser.step(x, self.tau, a, g, state["past"])
         return y[0, 0].cpu().numpy(), {**state, "past": after}
 
 

@@ -57,10 +57,9 @@ def import_wav2vec(
     encoder = AudioEncoder(config).eval()
     target = encoder.state_dict()
     wanted = {name for name in target if name.endswith(("weight", "bias"))}
-    named = {our_name(name): tensor for name, tensor in tensors.items()}
-    named.pop(None, None)
+    named = {ours: tensor for name, tensor in tensors.items() if (ours := our_name(name))}
     odd = [n for n in wanted if n not in named or named[n].shape != target[n].shape]
-    odd += [str(name) for name in named if name not in wanted]
+    odd += [name for name in named if name not in wanted]
     if odd:
         raise InputError(
             f"wav2vec checkpoint: expected the layers of its config, got a difference at "
@@ -78,17 +77,14 @@ def calibrate(encoder: AudioEncoder, sound: Tensor) -> None:
     sound [B, T] at the encoder's rate. The same mode must make the features of training and live.
     """
     x = sound[:, None, : sound.shape[1] // encoder.block_size * encoder.block_size]
-    layers = list(zip(encoder.convs, encoder.norms, strict=True))
-    context = list(zip(encoder.context_convs, encoder.context_norms, strict=True))
-    for i, (conv, norm) in enumerate(layers + context):
-        y, _ = conv.step(x, conv.init_context(len(x)))  # type: ignore[operator]
+    for i, (conv, norm) in enumerate(encoder.layers()):
+        y, _ = conv.step(x, conv.init_context(len(x)))
         if isinstance(norm, RunningNorm):
             norm.prior.copy_(torch.stack([y.mean(), y.square().mean()]))
             y, _ = norm.step(y, norm.init_statistics(len(x)))
         else:
-            norm.running_mean.fill_(y.mean())  # type: ignore[union-attr, operator]
-            norm.running_var.fill_(y.var(correction=0))  # type: ignore[union-attr, operator]
+            statistics = norm.state_dict()  # shares the norm's memory
+            statistics["running_mean"].fill_(float(y.mean()))
+            statistics["running_var"].fill_(float(y.var(correction=0)))
             y = norm(y)
-        y = functional.relu(y)
-        x = y if i < len(layers) else (y + x) * 0.5**0.5
-        x = torch.log1p(x) if i == len(layers) - 1 else x
+        x = encoder.join(i, x, functional.relu(y))
