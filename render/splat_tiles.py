@@ -95,23 +95,26 @@ class Projector:
         return keys.astype(np.uint32)
 
 
-def sort_by_tile(rects: NDArray[np.uint16], tiles_x: int, num_tiles: int) -> tuple[U32, U32, int]:
+def sort_by_tile(order: U32, rects: NDArray[np.uint16], size: tuple[int, int]) -> tuple[U32, U32]:
     """All (tile, splat) pairs, by tile and then by depth.
 
-    rects [M, 4] are tile rectangles in depth order. Returns keys [P] = tile << bits | rank,
-    starts [num_tiles + 1] and the mask of the rank. Arithmetic may wrap below zero and back.
+    order [M]: splats, nearest first; rects [N, 4]: tiles of all splats; size: tiles across, down.
+    Returns splats [P] and starts [tiles + 1]: tile i has splats[starts[i]:starts[i + 1]].
     """
+    num_tiles, rects = size[0] * size[1], rects[order]
     bits = max(1, int(len(rects) - 1).bit_length())
-    dtype = np.uint32 if bits + (num_tiles - 1).bit_length() <= 32 else np.uint64
+    dtype = np.uint32 if bits + (num_tiles - 1).bit_length() <= 32 else np.int64
     x0, y0, x1, y1 = rects.T.astype(dtype)
-    shift, step_x, step_y = dtype(bits), dtype(1 << bits), dtype(tiles_x << bits)
+    # A key is tile << bits | rank in depth; its arithmetic may wrap below zero and back.
+    step_x, step_y = dtype(1 << bits), dtype(size[0] << bits)
     width, height = x1 - x0, y1 - y0
-    keys = ((y0 * dtype(tiles_x) + x0) << shift) | np.arange(len(rects), dtype=dtype)
+    keys = y0 * step_y + x0 * step_x + np.arange(len(rects), dtype=dtype)
     keys = _expand(keys, height, step_y)  # one key a row of tiles
     keys = _expand(keys, np.repeat(width, height), step_x)  # one key a tile
     keys.sort()
-    starts = np.searchsorted(keys, np.arange(num_tiles + 1, dtype=np.uint64).astype(dtype) << shift)
-    return keys, starts.astype(np.uint32), (1 << bits) - 1
+    starts = np.searchsorted(keys, np.arange(num_tiles, dtype=dtype) * step_x)
+    starts = np.append(starts, len(keys)).astype(np.uint32)
+    return order[keys & (step_x - dtype(1))], starts
 
 
 def _expand(keys: NDArray, counts: NDArray, step: np.generic) -> NDArray:
@@ -129,7 +132,7 @@ class TileRenderer:
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.compute_shader((SHADERS / "tiles.comp.glsl").read_text())
-        self._order, self._keys, self._starts, self._pixels = (GrowingBuffer(gl) for _ in range(4))
+        self._pairs, self._starts, self._pixels = (GrowingBuffer(gl) for _ in range(3))
         self._picture = np.empty((0, 0, 4), np.uint8)
         self.name = f"tiles on {context.renderer} ({context.backend})"
 
@@ -137,21 +140,19 @@ class TileRenderer:
         """Draw one picture; its size is that of the camera."""
         self._projector.run(gaussians, camera)
         order = self._projector.depth_order()
-        tiles_x, tiles_y = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
-        keys, starts, mask = sort_by_tile(self._projector.rects[order], tiles_x, tiles_x * tiles_y)
-        self._order.write(order)
-        self._keys.write(keys)
+        tiles = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
+        pairs, starts = sort_by_tile(order, self._projector.rects, tiles)
+        self._pairs.write(pairs)
         self._starts.write(starts)
         if self._picture.shape[:2] != (camera.height, camera.width):
             self._picture = np.empty((camera.height, camera.width, 4), np.uint8)
         self._pixels.reserve(self._picture.nbytes)
-        buffers = (self._projector.splats, self._order, self._keys, self._starts, self._pixels)
+        buffers = (self._projector.splats, self._pairs, self._starts, self._pixels)
         for binding, buffer in enumerate(buffers):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
-        self._program["rank_mask"] = mask
         self._program["background"] = camera.background
-        self._program.run(tiles_x, tiles_y)
+        self._program.run(*tiles)
         self._context.gl.memory_barrier()
 
     def read_rgba(self) -> NDArray[np.uint8]:

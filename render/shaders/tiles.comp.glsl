@@ -4,13 +4,11 @@
 layout(local_size_x = 8) in;
 
 layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };
-layout(std430, binding = 1) readonly buffer Order { uint order[]; };    // rank in depth -> splat
-layout(std430, binding = 2) readonly buffer Keys { uint keys[]; };      // tile << rank_bits | rank
-layout(std430, binding = 3) readonly buffer Starts { uint starts[]; };  // tile -> first key
-layout(std430, binding = 4) writeonly buffer Pixels { uint pixels[]; }; // RGBA8, top row first
+layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };    // splats, tile after tile
+layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };  // tile -> first pair
+layout(std430, binding = 3) writeonly buffer Pixels { uint pixels[]; }; // RGBA8, top row first
 
 uniform uvec2 size;        // px
-uniform uint rank_mask;
 uniform vec3 background;
 
 const float CUTOFF = -7.9943534;  // log2(1 / 255)
@@ -26,7 +24,7 @@ void main() {
     for (int row = 0; row < 8; row++) acc[row] = vec4(0.0, 0.0, 0.0, 1.0);
 
     for (uint i = starts[tile]; i < end; i++) {
-        uint id = 2u * order[keys[i] & rank_mask];
+        uint id = 2u * pairs[i];
         vec4 a = uintBitsToFloat(splats[id]);
         uvec4 b = splats[id + 1u];
         float r = uintBitsToFloat(b.x), log2_opacity = uintBitsToFloat(b.y);

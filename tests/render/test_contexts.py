@@ -1,0 +1,68 @@
+"""What a user reads when OpenGL is missing, and the window under a virtual screen."""
+
+import ctypes.util
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from render.contexts import create_context
+from render.errors import InputError
+from render.renderer import create_renderer
+
+ROOT = Path(__file__).parents[2]
+
+
+def hide(monkeypatch, *names: str) -> None:
+    find = ctypes.util.find_library
+    monkeypatch.setattr(ctypes.util, "find_library", lambda n: None if n in names else find(n))
+
+
+@pytest.mark.parametrize(
+    "backend,library,apt",
+    [
+        ("egl", "EGL", "apt install libegl1 libgl1 libgl1-mesa-dri"),
+        ("osmesa", "OSMesa", "apt install libosmesa6"),
+    ],
+)
+def test_missing_library_names_the_line_to_type(monkeypatch, backend, library, apt):
+    hide(monkeypatch, library)
+    with pytest.raises(InputError, match=apt):
+        create_context(backend)
+
+
+def test_auto_names_both_ways_out(monkeypatch):
+    hide(monkeypatch, "EGL", "OSMesa")
+    with pytest.raises(InputError, match="libegl1.*libosmesa6"):
+        create_context("auto")
+
+
+def test_unknown_names_list_the_choices():
+    with pytest.raises(InputError, match="egl, osmesa, window, got 'vulkan'"):
+        create_context("vulkan")
+    with pytest.raises(InputError, match="tiles, quads, reference, got 'points'"):
+        create_renderer(method="points")
+
+
+def run_window(environment: dict[str, str], *prefix: str) -> subprocess.CompletedProcess[str]:
+    script = (
+        "from render.contexts import create_context\n"
+        "context = create_context('window'); print(context.renderer)\n"
+        "context.check_errors('open'); context.close(); context.close()\n"
+    )
+    command = [*prefix, sys.executable, "-c", script]
+    return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
+
+
+def test_window_opens_on_a_virtual_screen():
+    done = run_window(dict(os.environ, PYTHONPATH=str(ROOT)), "xvfb-run", "-a")
+    assert done.returncode == 0 and done.stdout.strip(), done.stderr
+
+
+def test_window_without_a_screen_points_to_xvfb():
+    screens = ("DISPLAY", "WAYLAND_DISPLAY")
+    environment = {k: v for k, v in os.environ.items() if k not in screens}
+    done = run_window(dict(environment, PYTHONPATH=str(ROOT)))
+    assert "InputError" in done.stderr and "xvfb-run" in done.stderr
