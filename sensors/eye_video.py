@@ -87,7 +87,10 @@ class EyeVideoReader:
                 )
 
     def picture(self, number: int) -> NDArray[np.uint8] | None:
-        """[400, 400], or None where the video has ended or this picture is damaged."""
+        """[400, 400], or None where the video has ended or this picture does not decode.
+
+        A slice with a wrong FFV1 checksum does decode: FFmpeg patches it and gives no sign of it.
+        """
         if self._pictures is None or number < self._next - 1:
             self.close()
             self._pictures = self._decode()
@@ -134,10 +137,13 @@ def open_video(path: Path) -> Any:
     try:
         container = av.open(str(path))
     except (av_error.FFmpegError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+        reason = str(error).splitlines()[0].split(": '")[0]
         raise InputError(
             f"{path}: expected a video, got something else ({reason}); give an mkv, mp4 or avi"
         ) from None
+    if container.format.name == "tty":  # FFmpeg "plays" text files
+        container.close()
+        raise InputError(f"{path}: expected a video, got a text file; check the name")
     if not container.streams.video:
         container.close()
         raise InputError(f"{path}: expected a video, got no picture stream; check the file")

@@ -146,7 +146,7 @@ def _write_all(writer: RecordingWriter, audio: Path, eyes: list[Path], warnings:
     picture = next(pictures, None)
     last_ns, end_ns = [0, 0], 0
     for packet in _audio_packets(audio, warnings):
-        end_ns = packet.t_ns + len(packet.samples) * NS // SAMPLE_RATE
+        end_ns = (packet.first_sample + len(packet.samples)) * NS // SAMPLE_RATE
         while picture is not None and picture.t_ns <= end_ns:
             writer.append(picture)
             last_ns[picture.eye] = picture.t_ns
