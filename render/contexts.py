@@ -43,6 +43,10 @@ class GLContext:
         """True if the CPU draws."""
         return any(name in self.renderer.lower() for name in SOFTWARE_NAMES)
 
+    def activate(self) -> None:
+        """Make this the current context: another one may have been opened or closed since."""
+        self.gl.__enter__()
+
     def check_errors(self, where: str) -> None:
         """Raise if any GL call since the last check has failed."""
         error = self.gl.error
@@ -64,12 +68,18 @@ class GLContext:
 class _GlfwLoader:
     """What moderngl asks of a foreign context: function addresses from glfw."""
 
+    def __init__(self, window: Any) -> None:
+        self._window = window
+
     def load_opengl_function(self, name: str) -> int:
         import glfw
 
         return ctypes.cast(glfw.get_proc_address(name), ctypes.c_void_p).value or 0
 
     def __enter__(self) -> "_GlfwLoader":
+        import glfw
+
+        glfw.make_context_current(self._window)
         return self
 
     def __exit__(self, *_: object) -> None: ...
@@ -156,7 +166,7 @@ def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> 
                 text += " (without a screen, start the command under xvfb-run)"
             raise _missing(backend, f"glfw {backend}", text)
         glfw.make_context_current(window)
-        gl = moderngl.create_context(require=GL_VERSION, context=_GlfwLoader())
+        gl = moderngl.create_context(require=GL_VERSION, context=_GlfwLoader(window))
     except InputError:
         glfw.terminate()
         raise

@@ -16,6 +16,7 @@ class QuadRenderer:
     """Renderer for hardware GL: the rasteriser and the blending units do the work."""
 
     def __init__(self, context: GLContext) -> None:
+        context.activate()
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.program(
@@ -30,6 +31,7 @@ class QuadRenderer:
 
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
+        self._context.activate()
         gl, size = self._context.gl, (camera.width, camera.height)
         self._projector.run(gaussians, camera)
         order = self._projector.depth_order()[::-1]
@@ -48,6 +50,7 @@ class QuadRenderer:
 
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""
+        self._context.activate()
         self._target.read_into(self._picture, components=4, alignment=4)
         self._context.check_errors("quads")
         return self._picture

@@ -129,6 +129,7 @@ class TileRenderer:
     """Renderer for software GL (llvmpipe): as exact as float32, several times faster than quads."""
 
     def __init__(self, context: GLContext) -> None:
+        context.activate()
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.compute_shader((SHADERS / "tiles.comp.glsl").read_text())
@@ -138,6 +139,7 @@ class TileRenderer:
 
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
+        self._context.activate()
         self._projector.run(gaussians, camera)
         order = self._projector.depth_order()
         tiles = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
@@ -157,6 +159,7 @@ class TileRenderer:
 
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""
+        self._context.activate()
         self._pixels.read(self._picture)
         self._context.check_errors("tiles")
         return self._picture
