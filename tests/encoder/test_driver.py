@@ -155,6 +155,20 @@ def test_stale_cache_is_never_read(backend: BackendName) -> None:
     assert np.array_equal(actual, expected)
 
 
+@pytest.mark.parametrize("backend", ["torch", "onnx"])
+def test_four_days_change_nothing(backend: BackendName) -> None:
+    """Only relative positions count, so frame 10 000 000 must act like frame 1000."""
+    d, audio, results = driver(backend), sound(30), []
+    for frame in (1000, 10_000_000):
+        state = d.init_state(5)
+        count = torch.tensor(frame)
+        memory = {**state.backend, "frame": frame}
+        if backend == "torch":
+            memory = {**state.backend, "past": {**state.backend["past"], "frame": count}}
+        results.append(drive(d, audio, replace(state, backend=memory))[0])
+    assert np.abs(results[0] - results[1]).max() < 1e-5 * np.abs(results[0]).max()
+
+
 def test_a_gap_is_driven_as_silence() -> None:
     d, audio = driver(), sound(20)
     audio[8:12] = 0
