@@ -1,4 +1,4 @@
-"""One thread for every encoder test: small tensors only lose time on more."""
+"""Every encoder test: one thread (small tensors only lose time on more) and one torch seed."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import pytest
 import torch
 
 
-@pytest.fixture(scope="session", autouse=True)
-def one_thread() -> None:
+@pytest.fixture(autouse=True)
+def repeatable_torch() -> None:
     torch.set_num_threads(1)
+    torch.manual_seed(0)
