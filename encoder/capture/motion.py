@@ -11,6 +11,7 @@ import numpy as np
 
 from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
 from encoder.capture.speech import Phone
+from encoder.gaze import GazeSynth
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 # One row a phone: jaw, closure, touch (lower lip to teeth), funnel, pucker, stretch, lower lip
@@ -185,38 +186,42 @@ def speech_curves(
     return np.clip(curves + upper, 0, 1), gaze
 
 
-def _blinks(num_frames: int, per_minute: float, rng: np.random.Generator) -> np.ndarray:
-    """[T] 0..1: log-normal waits, about 9 frames each, closing fast; half of them partial."""
+_BLINK = np.array([0.45, 1.0, 0.95, 0.72, 0.48, 0.28, 0.14, 0.06, 0.02], np.float32)
+_BLINK_TURN = 11.0  # degrees: a gaze shift this large usually comes with a blink
+
+
+def _blinks(angles: np.ndarray, per_minute: float, rng: np.random.Generator) -> np.ndarray:
+    """[T, 2] gaze angles -> [T] 0..1: about 9 frames each, closing fast; some of them partial.
+
+    Most blinks ride on a large gaze shift, so that gaze tells when; the rest wait log-normally.
+    """
+    num_frames = len(angles)
     curve = np.zeros(num_frames + 16, np.float32)
-    shape = np.array([0.45, 1.0, 0.95, 0.72, 0.48, 0.28, 0.14, 0.06, 0.02], np.float32)
+    speed = np.zeros(num_frames)
+    speed[1:] = np.abs(np.diff(angles, axis=0)).max(1)
+    moving = np.flatnonzero((speed[1:] > 0.02) & (speed[:-1] <= 0.02)) + 1
+    turns = [i for i in moving if np.abs(angles[min(i + 5, num_frames - 1)] - angles[i - 1]).max()
+             > _BLINK_TURN and rng.random() < 0.92]  # fmt: skip
+    starts = [(i + 1, 1.0) for i in turns]
     position = rng.exponential(60 / per_minute) * FPS
     while position < num_frames:
-        depth = rng.uniform(0.5, 0.9) if rng.random() < 0.5 else 1.0
-        start = int(position)
-        curve[start : start + 9] = np.maximum(curve[start : start + 9], depth * shape)
+        starts.append((int(position), rng.uniform(0.5, 0.9)))
         position += 9 + rng.lognormal(np.log(45 / per_minute), 0.6) * FPS
+    for start, depth in starts:
+        curve[start : start + 9] = np.maximum(curve[start : start + 9], depth * _BLINK)
     return curve[:num_frames]
 
 
-def _look(num_frames: int, rng: np.random.Generator) -> np.ndarray:
-    """[T, 2] yaw and pitch in degrees: fixations of 0.3-2.5 s joined by saccades of 1-3 frames."""
-    angles = np.zeros((num_frames, 2), np.float32)
-    frame, here = 0, np.zeros(2)
-    while frame < num_frames:
-        there = np.zeros(2) if rng.random() < 0.45 else rng.normal(0, (9, 5))
-        length = 1 + int((0.025 + 0.0024 * np.abs(there - here).max()) * FPS)
-        hold = length + int(rng.uniform(0.3, 2.5) * FPS)
-        ramp = np.clip((np.arange(hold) + 1) / length, 0, 1)[: num_frames - frame, None]
-        angles[frame : frame + hold] = here + (there - here) * ramp
-        frame, here = frame + hold, there
-    return angles
-
-
-def gaze_vectors(angles: np.ndarray) -> np.ndarray:
-    """[T, 2] yaw (to the subject's left) and pitch (up), degrees -> [T, 2, 3] unit vectors."""
-    yaw, pitch = np.radians(angles).T
-    x, y, z = np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)
-    return np.repeat(np.stack([x, y, z], -1)[:, None], 2, axis=1).astype(np.float32)
+def _look(num_frames: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """The live path's own gaze: [T, 2, 3] unit vectors and [T, 2] yaw and pitch in degrees."""
+    synth = GazeSynth(int(rng.integers(1 << 31)))
+    state, rows = synth.init_state(), []
+    for _ in range(num_frames):
+        gaze, state = synth.step(state)
+        rows.append(gaze)
+    gaze = np.stack(rows) if rows else np.zeros((0, 2, 3), np.float32)
+    x, y, z = gaze.mean(1).T
+    return gaze, np.degrees(np.stack([np.arctan2(x, z), np.arcsin(y)], 1))
 
 
 def upper_face(level: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -224,8 +229,8 @@ def upper_face(level: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray,
     num_frames = len(level)
     curves = np.zeros((num_frames, len(RIG_NAMES)), np.float32)
     talking = float((level > 0.1).mean()) if num_frames else 0.0
-    blink = _blinks(num_frames, 17 + 9 * talking, rng)
-    angles = _look(num_frames, rng)
+    gaze, angles = _look(num_frames, rng)
+    blink = _blinks(angles, 3 + 4 * talking, rng)
     yaw, pitch = angles.T / 30
     for side, outward in (("L", yaw), ("R", -yaw)):
         lid = np.clip(blink + 0.25 * np.clip(-pitch, 0, 1), 0, 1)
@@ -250,4 +255,4 @@ def upper_face(level: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray,
     for side in "LR":
         curves[:, RIG_INDEX[f"browInnerUp_{side}"]] = np.clip(0.8 * accent, 0, 0.7)
         curves[:, RIG_INDEX[f"browOuterUp_{side}"]] = np.clip(0.6 * accent, 0, 0.6)
-    return curves, gaze_vectors(angles)
+    return curves, gaze

@@ -29,7 +29,7 @@ _IPA = (
     "ʊ:uh u:uw o:ow a:aa b:b d:d ð:dh f:f ɡ:g g:g h:hh j:y k:k l:l ɫ:l m:m n:n ŋ:ng p:p ɹ:r "
     "r:r ɾ:d ʔ:t s:s ʃ:sh t:t θ:th v:v w:w z:z ʒ:zh x:hh"
 )
-_IPA_TO_PHONE: dict[str, str] = {ipa: name for ipa, name in (p.split(":") for p in _IPA.split())}
+_IPA_TO_PHONE = {pair.split(":")[0]: pair.split(":")[1] for pair in _IPA.split()}
 
 
 @dataclass(frozen=True)

@@ -40,7 +40,7 @@ class AudioConfig:
     output: Path  # without suffix: .safetensors and .json are added
     state: Path  # the resumable state of the run
     encoder: AudioEncoderConfig = field(default_factory=lambda: ENCODERS["default"])
-    steps: int = 1500
+    steps: int = 850
     batch: int = 10
     frames: int = 60
     rate: float = 2e-3

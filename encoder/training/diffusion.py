@@ -30,12 +30,12 @@ class DiffusionConfig:
     output: Path
     state: Path
     denoiser: DenoiserConfig = field(default_factory=lambda: DENOISERS["default"])
-    steps: int = 2000
-    batch: int = 32
+    steps: int = 2400
+    batch: int = 16
     frames: int = 80
     rate: float = 1e-3
     drop: float = 0.2  # classifier-free guidance dropout of each condition
-    velocity_weight: float = 0.3  # per mm^2 of vertex velocity error
+    velocity_weight: float = 1.0  # per mm^2 of vertex velocity error
     seed: int = 0
     resume: bool = False
     note: tuple[tuple[str, str], ...] = ()
@@ -59,6 +59,11 @@ def velocity_loss(predicted: Tensor, truth: Tensor) -> Tensor:
     return (predicted - truth).diff(dim=1).square().sum(-1).mean()
 
 
+def weighted_error(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
+    """Mean squared error of [B, T, C] with a weight a frame [B, T]."""
+    return ((predicted - truth).square().mean(-1) * weight).mean()
+
+
 def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
     """Standardise by the training codes; a constant code keeps a small spread instead of none."""
     flat = codes.reshape(-1, codes.shape[-1]).astype(np.float64)
@@ -69,12 +74,12 @@ def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
 
 def losses(
     model: Denoiser,
-    batch: tuple[Tensor, Tensor, Tensor],
+    batch: tuple[Tensor, ...],  # codes, audio, gaze, weight
     schedule: Schedule,
     vertices: Vertices,
     config: DiffusionConfig,
 ) -> dict[str, Tensor]:
-    codes, audio, gaze = batch
+    codes, audio, gaze, weight = batch
     x0 = model.standardise(codes)
     # half of the draws at high noise: the student will live at tau = N
     tau = torch.randint(1, schedule.num_steps + 1, (len(x0),))
@@ -82,7 +87,7 @@ def losses(
     noisy = schedule.q_sample(x0, tau, torch.randn_like(x0))
     keep = [torch.rand(len(x0)) >= config.drop for _ in range(2)]
     predicted = model(noisy, tau, audio, gaze, keep_audio=keep[0], keep_condition=keep[1])
-    simple = (predicted - x0).square().mean()
+    simple = weighted_error(predicted, x0, weight)
     velocity = velocity_loss(vertices(model.unstandardise(predicted)), vertices(codes))
     return {
         "simple": simple,

@@ -19,7 +19,7 @@ from encoder import checkpoint
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Guidance, Schedule, ddim_taus, guided
 from encoder.training import loop
-from encoder.training.diffusion import RigToCode, Vertices, velocity_loss
+from encoder.training.diffusion import RigToCode, Vertices, velocity_loss, weighted_error
 from encoder.training.streams import Streams
 
 
@@ -37,7 +37,7 @@ class DistillConfig:
     pool: int = 24  # batches of teacher samples a phase trains on
     guidance: Guidance = Guidance(weight=1.15)
     dmd_weight: float = 0.05
-    velocity_weight: float = 0.3
+    velocity_weight: float = 1.0
     truth_weight: float = 0.5  # rest and closures stay the truth's, not an average sample's
     seed: int = 0
     resume: bool = False
@@ -108,24 +108,24 @@ def dmd_loss(
     return 0.5 * (z - target).square().mean()
 
 
-Sample = tuple[Tensor, int, Tensor, Tensor, Tensor, Tensor]
+Sample = tuple[Tensor, int, Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
 def make_pool(
     phase: int, teacher: Denoiser, streams: Streams, schedule: Schedule, config: DistillConfig
 ) -> list[Sample]:
-    """Batches (x_tau, tau, codes, audio, gaze, teacher's x0) of one phase, from its own seed."""
+    """Batches (x_tau, tau, codes, audio, gaze, weight, teacher's x0) of a phase, from its seed."""
     pool = []
     for index in tqdm(range(config.pool), desc=f"teacher {phase}", mininterval=2):
         rng = np.random.default_rng([config.seed, phase, index])
-        codes, audio, gaze = streams.draw(config.batch, config.frames, rng)
+        codes, audio, gaze, weight = streams.draw(config.batch, config.frames, rng)
         tau = draw_tau(phase, schedule.num_steps, rng)
         noise = torch.tensor(rng.standard_normal(codes.shape, dtype=np.float32))
         x = schedule.q_sample(teacher.standardise(codes), torch.full((len(codes),), tau), noise)
         if tau == schedule.num_steps:
             x = noise  # what the live path starts from
         target = iterate(teacher, x, tau, audio, gaze, schedule, config)
-        pool.append((x, tau, codes, audio, gaze, target))
+        pool.append((x, tau, codes, audio, gaze, weight, target))
     return pool
 
 
@@ -137,11 +137,11 @@ def losses(
     vertices: Vertices,
     config: DistillConfig,
 ) -> dict[str, Tensor]:
-    x, tau, codes, audio, gaze, target = sample
+    x, tau, codes, audio, gaze, weight, target = sample
     z = student(x, torch.full((len(x),), tau), audio, gaze)
     result = {
         "distill": (z - target).square().mean(),
-        "truth": (z - student.standardise(codes)).square().mean(),
+        "truth": weighted_error(z, student.standardise(codes), weight),
         "velocity": velocity_loss(vertices(student.unstandardise(z)), vertices(codes)),
     }
     total = result["distill"] + config.truth_weight * result["truth"]

@@ -16,8 +16,8 @@ from tqdm import tqdm
 from encoder import checkpoint
 from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
 from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, SPEECH_COLUMNS
-from encoder.capture.dataset import Clip, read_pack
-from encoder.capture.motion import closing_weight
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_pack
+from encoder.capture.motion import closing_weight, upper_face
 from encoder.training.audio import Heads, Outputs, load_heads, stacked
 from encoder.training.augment import Crop, crop
 
@@ -33,9 +33,9 @@ class StreamConfig:
     seed: int = 0
     split: str = "train"
     shares: tuple[tuple[str, float], ...] = (
-        ("rules", 0.4),
-        ("tracked", 0.2),
-        ("envelope", 0.25),
+        ("rules", 0.5),
+        ("tracked", 0.15),
+        ("envelope", 0.2),
         ("rest", 0.15),
     )
 
@@ -68,7 +68,7 @@ def draw_stream(
     """Random clips end to end: audio [800 T], rig [T, 53], gaze [T, 6]; T = stream_frames."""
     names = [name for name, _ in config.shares if groups.get(name)]
     share = np.array([value for name, value in config.shares if name in names])
-    audio, rig, gaze, frames = [], [], [], 0
+    audio, rig, frames = [], [], 0
     while frames < config.stream_frames:
         truth = str(rng.choice(names, p=share / share.sum()))
         clip = groups[truth][rng.integers(len(groups[truth]))]
@@ -76,11 +76,13 @@ def draw_stream(
         part = crop(clip, length, rng)
         audio.append(part.audio)
         rig.append(labelled(part, truth, predict))
-        gaze.append(part.gaze.reshape(length, 6))
         frames += length
-    end = config.stream_frames
-    samples = end * (len(audio[0]) // len(rig[0]))
-    return np.concatenate(audio)[:samples], np.concatenate(rig)[:end], np.concatenate(gaze)[:end]
+    samples = config.stream_frames * PACK_SAMPLES_PER_FRAME
+    curves = np.concatenate(rig)[: config.stream_frames]
+    # eyes, lids and brows anew for the whole stream: no jumps of the gaze where clips meet
+    upper, gaze = upper_face(np.clip(curves[:, JAW_OPEN] / 0.35, 0, 1), rng)
+    upper[:, SPEECH_COLUMNS] = curves[:, SPEECH_COLUMNS]
+    return np.concatenate(audio)[:samples], upper, gaze.reshape(-1, 6)
 
 
 def run(config: StreamConfig) -> Path:
@@ -122,6 +124,16 @@ def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
     return predict
 
 
+# Shut lips (p b m) are short and often a guess, and a mean of guesses never shuts.
+SHUT_WEIGHT = 4.0
+
+
+def _shut(rig: np.ndarray) -> np.ndarray:
+    """[S, T, 53] -> [S, T] bool: lips held together against an open jaw."""
+    needed = closing_weight(rig.reshape(-1, rig.shape[-1])).reshape(rig.shape[:-1])
+    return (needed > 0.008) & (rig[..., MOUTH_CLOSE] > 0.75 * needed)
+
+
 @dataclass(frozen=True)
 class Streams:
     """What the denoiser learns from, in memory. codes are not standardised."""
@@ -129,20 +141,20 @@ class Streams:
     features: np.ndarray  # [S, T, A] float16
     codes: np.ndarray  # [S, T, 256] float32
     gaze: np.ndarray  # [S, T, 6] float16
+    weight: np.ndarray  # [S, T] float32, of a frame's error
 
     @staticmethod
     def load(path: Path, rig_to_code: Callable[[np.ndarray], np.ndarray]) -> "Streams":
         with np.load(path, allow_pickle=False) as data:
-            codes = rig_to_code(data["rig"].astype(np.float32)).astype(np.float32)
-            return Streams(data["features"], codes, data["gaze"])
+            rig = data["rig"].astype(np.float32)
+            codes = rig_to_code(rig).astype(np.float32)
+            weight = np.where(_shut(rig), SHUT_WEIGHT, 1.0).astype(np.float32)
+            return Streams(data["features"], codes, data["gaze"], weight)
 
-    def draw(
-        self, batch: int, frames: int, rng: np.random.Generator
-    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Random windows: codes [B, T, 256], audio [B, T, A], gaze [B, T, 6]."""
+    def draw(self, batch: int, frames: int, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
+        """Random windows: codes [B, T, 256], audio [B, T, A], gaze [B, T, 6], weight [B, T]."""
         stream = rng.integers(len(self.codes), size=batch)
         start = rng.integers(self.codes.shape[1] - frames + 1, size=batch)
-        arrays = (self.codes, self.features, self.gaze)
+        arrays = (self.codes, self.features, self.gaze, self.weight)
         cut = [[a[s, t : t + frames] for s, t in zip(stream, start, strict=True)] for a in arrays]
-        codes, audio, gaze = (torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut)
-        return codes, audio, gaze
+        return tuple(torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut)

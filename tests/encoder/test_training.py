@@ -9,7 +9,7 @@ import torch
 
 from encoder import checkpoint
 from encoder.capture import dataset
-from encoder.capture.channels import JAW_OPEN, RIG_NAMES
+from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_NAMES
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.diffusion import Schedule
 from encoder.training import audio, augment, diffusion, distill, loop, streams
@@ -90,9 +90,16 @@ def test_audio_stage_writes_an_encoder(stages):
 
 def test_streams_hold_matching_rows(stages):
     data = streams.Streams.load(stages / "streams.npz", rig_to_code)
-    codes, sound, gaze = data.draw(3, 12, np.random.default_rng(0))
+    codes, sound, gaze, weight = data.draw(3, 12, np.random.default_rng(0))
     assert codes.shape == (3, 12, 256) and gaze.shape == (3, 12, 6) and sound.shape[:2] == (3, 12)
-    assert codes.std() > 0
+    assert codes.std() > 0 and weight.shape == (3, 12)
+
+
+def test_shut_lips_weigh_more():
+    rig = np.zeros((1, 3, 53), np.float32)
+    rig[0, 1:, JAW_OPEN] = 0.1
+    rig[0, 2, MOUTH_CLOSE] = 0.078
+    assert streams._shut(rig).tolist() == [[False, False, True]]
 
 
 def test_resuming_equals_an_unbroken_run(tmp_path):
