@@ -18,7 +18,9 @@ from render.types import Gaussians
 CAMERAS = [portrait(256, 256), portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)]
 # 8-bit rounding alone costs 58.9 dB; quads add the rounding of half floats, once a splat.
 MIN_PSNR_DB = {"tiles": 55.0, "quads": 45.0}
-MAX_MISMATCH_RATIO = 0.001  # of pixels that are off by more than 2 / 255
+# Levels of 255; with hundreds of layers over a pixel the half floats of the quads reach 2.5.
+MAX_ERROR = {"tiles": 2.0, "quads": 3.0}
+MAX_MISMATCH_RATIO = 0.001  # of pixels that are off by more than that
 ROOT = Path(__file__).parents[2]
 
 
@@ -36,9 +38,10 @@ def draw(renderer, gaussians: Gaussians, camera):
 def check(renderer, gaussians: Gaussians, camera):
     picture, truth = draw(renderer, gaussians, camera), expected(gaussians, camera)
     assert picture.shape == (camera.height, camera.width, 4) and picture.dtype == np.uint8
-    assert psnr_db(picture, truth) >= MIN_PSNR_DB[renderer.name.split()[0]]
+    method = renderer.name.split()[0]
+    assert psnr_db(picture, truth) >= MIN_PSNR_DB[method]
     # Depths that are equal in float32 (7.6e-6 mm apart in one scene) may swap two splats: 5 / 255.
-    assert np.mean(np.abs(picture - truth).max(axis=2) > 2.0) <= MAX_MISMATCH_RATIO
+    assert np.mean(np.abs(picture - truth).max(axis=2) > MAX_ERROR[method]) <= MAX_MISMATCH_RATIO
     return picture
 
 
