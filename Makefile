@@ -4,7 +4,7 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
-APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6
+APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng
 
 .PHONY: setup system demo check bench help
 help:  ## this list
@@ -20,11 +20,12 @@ $(VENV)/installed: requirements.lock pyproject.toml
 
 system:
 	@if ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libOSMesa.so && \
-	    ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1; then exit 0; fi; \
+	    ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1 && command -v Xvfb >/dev/null && \
+	    command -v flite >/dev/null && command -v espeak-ng >/dev/null; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    apt-get update -qq && apt-get install -y -qq --no-install-recommends $(APT_PACKAGES) >/dev/null; \
 	else \
-	    echo "OpenGL libraries are missing. Run: sudo apt-get install $(APT_PACKAGES)"; exit 1; fi
+	    echo "System packages are missing. Run: sudo apt-get install $(APT_PACKAGES)"; exit 1; fi
 
 demo: setup  ## replay the demo recording into demo.mp4
 	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4

@@ -49,8 +49,9 @@ def _avatars() -> str:
 
 def _video() -> str:
     import av
+    from av.codec import Codec
 
-    return f"PyAV {av.__version__}, H.264 {av.codec.Codec('libx264', 'w').long_name}"
+    return f"PyAV {av.__version__}, H.264 {Codec('libx264', 'w').long_name}"
 
 
 def _torch() -> str:

@@ -13,6 +13,7 @@ from app.avatar import Avatar
 from app.bench import Bench
 from app.capture import Capture
 from app.doctor import Doctor
+from app.eval import Eval
 from app.replay import Replay
 from app.session import Session
 from app.train import Train
@@ -23,6 +24,7 @@ Command = (
     | Annotated[Avatar, subcommand("avatar")]
     | Annotated[Capture, subcommand("capture")]
     | Annotated[Train, subcommand("train")]
+    | Annotated[Eval, subcommand("eval")]
     | Annotated[Bench, subcommand("bench")]
     | Annotated[Doctor, subcommand("doctor")]
 )
@@ -38,6 +40,11 @@ def main() -> None:
         command.run()
     except (InputError, RenderInputError) as error:
         _fail(str(error), 2)
+    except BrokenPipeError:
+        sys.stderr.close()  # the reader of our output has seen enough
+        raise SystemExit(1) from None
+    except FileNotFoundError as error:
+        _fail(f"expected a file or folder {error.filename}, got none; check the path", 2)
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)

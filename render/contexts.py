@@ -119,7 +119,7 @@ def _create_egl() -> GLContext:
     import moderngl
 
     try:
-        gl = moderngl.create_standalone_context(require=GL_VERSION, backend="egl")
+        gl = moderngl.create_standalone_context(require=GL_VERSION, backend="egl")  # pyright: ignore[reportArgumentType] (stub is wrong)
     except Exception as error:  # moderngl raises bare Exception for every failure of EGL
         raise _missing("egl", "EGL", error) from error
     return GLContext(gl, "egl")
@@ -166,7 +166,7 @@ def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> 
                 text += " (without a screen, start the command under xvfb-run)"
             raise _missing(backend, f"glfw {backend}", text)
         glfw.make_context_current(window)
-        gl = moderngl.create_context(require=GL_VERSION, context=_GlfwLoader(window))
+        gl = moderngl.create_context(require=GL_VERSION, context=_GlfwLoader(window))  # pyright: ignore[reportArgumentType] (stub is wrong)
     except InputError:
         glfw.terminate()
         raise

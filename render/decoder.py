@@ -64,7 +64,7 @@ class Decoder:
             eyeballs=(regions["eyeball_l"], regions["eyeball_r"]),
             regions=regions,
             corners=np.ascontiguousarray(faces[t["anchor_triangles"]].T),
-            barycentric=np.ascontiguousarray(t["anchor_barycentric"].astype(np.float32).T)[..., None],
+            barycentric=np.ascontiguousarray(t["anchor_barycentric"].T)[..., None],
             rest_scales=t["anchor_scales"],
             rest_areas=t["anchor_areas"],
             opacities=t["anchor_opacities"],

@@ -47,12 +47,12 @@ def load(name: str, folder: Path = weights_file.FOLDER) -> Identity:
         name=name,
         geometry=tensors["geometry"].astype(np.float32),
         eye_centers=tensors["eye_centers"].astype(np.float32),
-        colors=tensors["colors"].astype(np.float32) / 255,
+        colors=tensors["colors"].astype(np.float32) / np.float32(255),
         hair=Gaussians(
             means=tensors["hair_means"].astype(np.float32),
             quats=tensors["hair_quats"].astype(np.float32),
             scales=tensors["hair_scales"].astype(np.float32),
             opacities=tensors["hair_opacities"].astype(np.float32),
-            colors=tensors["hair_colors"].astype(np.float32) / 255,
+            colors=tensors["hair_colors"].astype(np.float32) / np.float32(255),
         ),
     )

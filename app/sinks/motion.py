@@ -21,7 +21,9 @@ class MotionSink:
         if path.suffix != ".npz":
             raise InputError(f"--motion: expected a name ending in .npz, got {path.name!r}")
         if not path.parent.is_dir():
-            raise InputError(f"--motion: expected a folder {path.parent}, got none; create it first")
+            raise InputError(
+                f"--motion: expected a folder {path.parent}, got none; create it first"
+            )
         self._path, self._decoder, self._identity = path, decoder, identity
         self._frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
 

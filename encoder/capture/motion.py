@@ -202,7 +202,7 @@ def _blinks(angles: np.ndarray, per_minute: float, rng: np.random.Generator) -> 
     moving = np.flatnonzero((speed[1:] > 0.02) & (speed[:-1] <= 0.02)) + 1
     turns = [i for i in moving if np.abs(angles[min(i + 5, num_frames - 1)] - angles[i - 1]).max()
              > _BLINK_TURN and rng.random() < 0.92]  # fmt: skip
-    starts = [(i + 1, 1.0) for i in turns]
+    starts = [(int(i) + 1, 1.0) for i in turns]
     position = rng.exponential(60 / per_minute) * FPS
     while position < num_frames:
         starts.append((int(position), rng.uniform(0.5, 0.9)))

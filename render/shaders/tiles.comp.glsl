@@ -13,6 +13,7 @@ uniform vec3 background;
 
 const float CUTOFF = -7.9943534;  // log2(1 / 255)
 const float MAX_ALPHA = 0.999;
+const float OPAQUE = 1.0 / 1024.0;  // a column this opaque hides the rest
 
 void main() {
     uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
@@ -41,6 +42,9 @@ void main() {
             u += a.w;
             v += r;
         }
+        float left = 0.0;
+        for (int row = 0; row < 8; row++) left = max(left, acc[row].w);
+        if (left < OPAQUE) break;
     }
     for (uint row = 0u; row < 8u; row++) {
         uvec2 pixel = corner + uvec2(gl_LocalInvocationID.x, row);

@@ -12,6 +12,8 @@ from scipy.ndimage import gaussian_filter, map_coordinates
 
 from render.training.face_data import SKIN_VERTICES, FaceData, vertex_normals
 
+Floats = NDArray[np.floating]
+
 # Gaussians a square millimetre, relative to the cheeks: detail goes where people look.
 DENSITY = {
     "M_Face": 1.0,
@@ -26,7 +28,7 @@ REGION_DENSITY = {"lips": 2.6, "eyelids": 3.0, "brows": 1.8, "head_neck": 0.5}
 SCLERA_MATERIALS = ("M_ScleraLeft", "M_ScleraRight")
 CANDIDATES = 8  # darts thrown a Gaussian kept
 SPACING = 0.80  # smallest distance of two neighbours, in units of 1 / sqrt(density)
-WIDTH = 0.80  # standard deviation of a Gaussian in the same unit: closes the gaps
+WIDTH = 0.72  # standard deviation of a Gaussian in the same unit: closes the gaps
 KEY_LIGHT, FILL_LIGHT = np.array([0.35, 0.45, 0.82]), np.array([-0.7, 0.1, 0.7])
 
 
@@ -35,9 +37,9 @@ class Anchors:
     """Gaussians glued to the mesh."""
 
     triangles: NDArray[np.int32]  # [N] rows of FaceData.faces
-    barycentric: NDArray[np.float32]  # [N, 3]
-    scales: NDArray[np.float32]  # [N] mm, standard deviation in the plane at rest
-    opacities: NDArray[np.float32]  # [N]
+    barycentric: Floats  # [N, 3]
+    scales: Floats  # [N] mm, standard deviation in the plane at rest
+    opacities: Floats  # [N]
 
 
 def place(face: FaceData, count: int, seed: int) -> Anchors:
@@ -63,8 +65,8 @@ def place(face: FaceData, count: int, seed: int) -> Anchors:
     opacities = np.full(len(triangles), 0.99, np.float32)
     lashes = face.materials[triangles] == "M_EyeLashes"
     alpha = face.image("eyelash_alpha.png")
-    alpha = alpha[..., 0] if alpha.ndim == 3 else alpha
-    seen = sample(alpha[..., None], _uv(face, triangles, barycentric))[:, 0]
+    alpha = alpha[..., :1] if alpha.ndim == 3 else alpha[..., None]
+    seen = sample(alpha, _uv(face, triangles, barycentric))[:, 0]
     opacities[lashes] = 0.85 * seen[lashes]
     scales[lashes] *= 0.5
     keep = opacities > 0.2
@@ -77,13 +79,13 @@ def place(face: FaceData, count: int, seed: int) -> Anchors:
 
 
 def scatter(
-    corners: NDArray[np.float32],  # [F, 3, 3] mm
-    area: NDArray[np.float32],  # [F] mm^2
+    corners: Floats,  # [F, 3, 3] mm
+    area: Floats,  # [F] mm^2
     density: NDArray[np.float64],  # [F] Gaussians a mm^2
     rng: np.random.Generator,
-) -> tuple[NDArray[np.int32], NDArray[np.float32]]:  # triangles [N], barycentric [N, 3]
+) -> tuple[NDArray[np.int32], Floats]:  # triangles [N], barycentric [N, 3]
     """Poisson-disk points: even cover without holes (plain random points left 10 % uncovered)."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     expected = np.cumsum(area * density) * CANDIDATES
     darts = np.searchsorted(expected, rng.uniform(0, expected[-1], int(expected[-1])))
@@ -95,7 +97,7 @@ def scatter(
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals = (normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9))[darts]
     radius = SPACING / np.sqrt(density[darts])
-    tree = cKDTree(points)
+    tree = KDTree(points)
     free, kept = np.ones(len(darts), bool), []
     for dart in range(len(darts)):
         if not free[dart]:
@@ -106,7 +108,7 @@ def scatter(
     return darts[kept].astype(np.int32), barycentric[kept].astype(np.float32)
 
 
-def _eye_depth(face: FaceData, corners: NDArray[np.float32]) -> NDArray[np.float32]:
+def _eye_depth(face: FaceData, corners: Floats) -> Floats:
     """Depth behind which an eyeball's triangles are hidden, for the eye of each triangle."""
     depth = np.zeros(len(corners), np.float32)
     for material, side in zip(SCLERA_MATERIALS, "lr", strict=True):
@@ -114,13 +116,11 @@ def _eye_depth(face: FaceData, corners: NDArray[np.float32]) -> NDArray[np.float
     return depth
 
 
-def _uv(
-    face: FaceData, triangles: NDArray[np.int32], barycentric: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    return (face.uv[face.uv_faces[triangles]] * barycentric[..., None]).sum(1)
+def _uv(face: FaceData, triangles: NDArray[np.int32], barycentric: Floats) -> Floats:
+    return (face.uv[face.uv_faces[triangles]] * barycentric[..., None]).sum(1, dtype=np.float32)
 
 
-def sample(image: NDArray[np.float32], uv: NDArray[np.float32]) -> NDArray[np.float32]:
+def sample(image: Floats, uv: Floats) -> Floats:
     """Bilinear look-up of `image` [H, W, C] at `uv` [n, 2] (v up) -> [n, C]."""
     height, width = image.shape[:2]
     rows = (1 - uv[:, 1] % 1.0) * height - 0.5
@@ -134,7 +134,7 @@ def sample(image: NDArray[np.float32], uv: NDArray[np.float32]) -> NDArray[np.fl
     )
 
 
-def light(normals: NDArray[np.float32]) -> NDArray[np.float32]:  # [n, 3] -> [n]
+def light(normals: Floats) -> Floats:  # [n, 3] -> [n]
     """Key, fill and sky light on a matte surface, in linear intensity."""
     return (
         0.30
@@ -147,10 +147,10 @@ def light(normals: NDArray[np.float32]) -> NDArray[np.float32]:  # [n, 3] -> [n]
 def colors(
     face: FaceData,
     anchors: Anchors,
-    vertices: NDArray[np.float32],  # [V, 3] mm, the person at rest
+    vertices: Floats,  # [V, 3] mm, the person at rest
     skin: str,
     eye: str,
-) -> NDArray[np.float32]:  # [N, 3] 0..1 sRGB values
+) -> Floats:  # [N, 3] 0..1 sRGB values
     """Baked colours of one person's anchored Gaussians."""
     corners = face.faces[anchors.triangles]
     weights = anchors.barycentric[..., None]

@@ -36,7 +36,7 @@ class FaceData:
     def image(self, name: str) -> NDArray[np.float32]:  # [H, W, 3 or 4] 0..1
         from PIL import Image
 
-        return np.asarray(Image.open(self.folder / name), np.float32) / 255
+        return np.asarray(Image.open(self.folder / name), np.float32) / np.float32(255)
 
 
 def load(folder: Path) -> FaceData:
@@ -66,8 +66,8 @@ def load(folder: Path) -> FaceData:
 
 def geometry(face: FaceData, modes: NDArray[np.float32]) -> NDArray[np.float32]:  # [V, 3] mm
     """The neutral head of one person; `modes` [100] are in standard deviations."""
-    shape = np.tensordot(modes, face.identities.astype(np.float32), 1) * MM_PER_UNIT
-    return face.neutral + shape
+    shape = np.tensordot(modes, face.identities.astype(np.float32), 1)
+    return (face.neutral + shape * MM_PER_UNIT).astype(np.float32)
 
 
 def sphere_centre(points: NDArray[np.float32]) -> NDArray[np.float32]:  # [3]

@@ -7,6 +7,10 @@ from numpy.typing import NDArray
 
 from render.training.appearance import light, sample
 from render.training.face_data import MM_PER_UNIT, SKIN_VERTICES, FaceData, vertex_normals
+from render.training.visibility import seen, views
+from render.types import Gaussians
+
+LAYERS = 2  # candidates a Gaussian kept, about
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ def grow(
 ) -> Hair:
     """About `count` Gaussians of one hair style, fitted to one person's head."""
     rng = np.random.default_rng(seed)
+    darts = LAYERS * count
     z = np.load(face.folder / "hair" / f"hair_{style}.npz", allow_pickle=False)
     bound = vertices[z["bind_idx"]] / MM_PER_UNIT
     points = ((bound * z["bind_w"][..., None]).sum(1) + z["offsets"]) * MM_PER_UNIT
@@ -38,8 +43,8 @@ def grow(
     corners = points[z["tris"]]
     edges = corners[:, 1:] - corners[:, :1]
     area = 0.5 * np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    triangles = rng.choice(len(area), count, p=area / area.sum())
-    u, v = rng.uniform(0, 1, (2, count))
+    triangles = rng.choice(len(area), darts, p=area / area.sum())
+    u, v = rng.uniform(0, 1, (2, darts))
     fold = u + v > 1
     u[fold], v[fold] = 1 - u[fold], 1 - v[fold]
     weights = np.stack([1 - u - v, u, v], 1)[..., None]
@@ -57,9 +62,12 @@ def grow(
         median = np.median(luminance[rgba[:, 3] > 0.5])
         rgb = np.clip((luminance / median)[:, None] ** 0.9 * np.array(tint), 0, 1)
     linear = rgb**2.2 * (light(normals) * 1.1 + 0.05)[:, None]
-    size = np.sqrt(area.sum() / count)
-    scales = np.tile([1.5 * size, 0.55 * size, 0.3 * size], (count, 1))
+    size = np.sqrt(area.sum() / darts)
+    scales = np.tile(np.array([1.35, 0.52, 0.3], np.float32) * size, (darts, 1))
     keep = rgba[:, 3] > 0.3
+    still = np.zeros((darts, 4), np.float32)
+    outer = Gaussians(means, still, scales, keep * rgba[:, 3], rgba[:, :3])
+    keep &= seen(outer, list(views()))  # hair cards lie in many layers; the outer ones show
     quats = strand_quats(strands(corners, z["uv"][z["tris"]])[triangles], normals)
     return Hair(
         means[keep].astype(np.float32),
@@ -74,13 +82,13 @@ def push_out(
     points: NDArray[np.float32], vertices: NDArray[np.float32], faces: NDArray[np.int32]
 ) -> NDArray[np.float32]:
     """Move hair that fell inside the skin to 0.8 mm outside it."""
-    from scipy.spatial import cKDTree
+    from scipy.spatial import KDTree
 
     skin = vertices[:SKIN_VERTICES]
     normals = vertex_normals(vertices, faces)[:SKIN_VERTICES]
     moved = points.copy()
     for _ in range(2):
-        _, near = cKDTree(skin).query(moved, k=4)
+        _, near = KDTree(skin).query(moved, k=4)
         normal = normals[near].mean(1)
         normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-9
         height = ((moved[:, None] - skin[near]) * normals[near]).sum(2).mean(1)

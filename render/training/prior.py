@@ -16,6 +16,8 @@ from tqdm import tqdm
 from render import identity, weights_file
 from render.decoder import EXPRESSION_DIM, KIND, Decoder
 from render.training import appearance, face_data, hair
+from render.training.visibility import seen, views
+from render.types import Gaussians
 
 LICENCE = (
     "derived from the ICT Face Model Light (MIT, (c) 2020 USC Institute for Creative "
@@ -24,6 +26,14 @@ LICENCE = (
 # Squared weight of a region's vertices in the distance between two faces.
 REGION_WEIGHT = {"lips": 8.0, "eyelids": 8.0, "inner_mouth_lip_roll": 4.0}
 SMALLEST_MM = 0.01  # displacements below it are left out of the basis
+# What can come to light: an open mouth, bared teeth, closed eyes.
+POSES: tuple[dict[str, float], ...] = (
+    {},
+    {"jawOpen": 0.9, "mouthUpperUp_L": 0.8, "mouthUpperUp_R": 0.8},
+    {"jawOpen": 0.4, "mouthLowerDown_L": 1, "mouthLowerDown_R": 1, "mouthFunnel": 0.5},
+    {"mouthSmile_L": 1, "mouthSmile_R": 1, "jawOpen": 0.2, "eyeBlink_L": 1, "eyeBlink_R": 1},
+    {"eyeWide_L": 1, "eyeWide_R": 1, "mouthStretch_L": 1, "mouthStretch_R": 1, "jawOpen": 0.5},
+)
 KEPT_REGIONS = (
     *("lips", "lips_upper", "lips_lower", "upper_face", "eyelids", "brows", "eyeball_l"),
     *("eyeball_r", "inner_mouth_lip_roll"),
@@ -60,12 +70,14 @@ PEOPLE = {
 }
 
 
-def run(face_folder: Path, out: Path, anchors: int = 30000, hairs: int = 6000, seed: int = 0) -> None:
+def run(
+    face_folder: Path, out: Path, anchors: int = 30000, hairs: int = 4000, seed: int = 0
+) -> None:
     """Fit the prior, bake every avatar, and write weights and cards under `out`."""
     face = face_data.load(face_folder)
     command = f"livedrive train prior --face DIR --seed {seed}"
     common = {"command": command, "licence": LICENCE, "seed": seed}
-    placed = appearance.place(face, anchors, seed)
+    placed = prune(face, appearance.place(face, anchors, seed))
     tensors = {**code(face, seed), **basis(face), **anchored(face, placed)}
     tensors["faces"] = face.faces.astype(np.uint16)
     for name in KEPT_REGIONS:
@@ -79,6 +91,28 @@ def run(face_folder: Path, out: Path, anchors: int = 30000, hairs: int = 6000, s
         path = out / f"{identity.PREFIX}{name}"
         weights_file.save(path, bake(face, placed, person, hairs), card)
     Decoder.load(out)
+
+
+def prune(face: face_data.FaceData, placed: appearance.Anchors) -> appearance.Anchors:
+    """Leave out what no expression shows: roots of teeth, the depths of the mouth, sockets."""
+    visible = np.zeros(len(placed.triangles), bool)
+    cameras = list(views())
+    for pose in POSES:
+        vertices = face.neutral.copy()
+        for name, activation in pose.items():
+            vertices += activation * face.rig[face.rig_names.index(name)]
+        corners = vertices[face.faces[placed.triangles]]
+        means = (corners * placed.barycentric[..., None]).sum(1)
+        scales = np.repeat(placed.scales[:, None], 3, 1)
+        still = np.tile(np.array([1, 0, 0, 0], np.float32), (len(means), 1))
+        cloud = Gaussians(means, still, scales, placed.opacities, np.zeros_like(means))
+        visible |= seen(cloud, cameras)
+    return appearance.Anchors(
+        placed.triangles[visible],
+        placed.barycentric[visible],
+        placed.scales[visible],
+        placed.opacities[visible],
+    )
 
 
 def code(face: face_data.FaceData, seed: int) -> dict[str, NDArray[np.float32]]:
