@@ -186,7 +186,7 @@ def write(
         "metrics": {key: round(value, 5) for key, value in metrics.items()},
         **dict(config.note),
     }
-    checkpoint.save(config.output, encoder.state_dict(), card)
+    checkpoint.save(config.output, loop.halved(encoder.state_dict()), card)
     torch.save(heads.state_dict(), config.state.with_suffix(".heads"))
 
 

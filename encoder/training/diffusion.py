@@ -18,8 +18,12 @@ from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Schedule
 from encoder.training import loop
-from encoder.training.streams import Streams
+from encoder.training.streams import AHEAD, GAZE_SCALE, Streams
 
+TRUTH = (
+    "mouth: made by rules from phones, by a face tracker (GRID), or by rule-trained audio heads "
+    "and loudness (other real voices); eyes, lids and brows: made by rules"
+)
 RigToCode = Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
 Vertices = Callable[[Tensor], Tensor]  # codes [B, T, 256] -> face vertices [B, T, V, 3] mm
 
@@ -30,7 +34,7 @@ class DiffusionConfig:
     output: Path
     state: Path
     denoiser: DenoiserConfig = field(default_factory=lambda: DENOISERS["default"])
-    steps: int = 2400
+    steps: int = 1750
     batch: int = 16
     frames: int = 80
     rate: float = 1e-3
@@ -70,6 +74,22 @@ def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
     std = flat.std(0)
     model.expression_mean.copy_(torch.tensor(flat.mean(0)))
     model.expression_std.copy_(torch.tensor(np.maximum(std, 0.02 * std.max() + 1e-6)))
+
+
+@torch.no_grad()
+def fold_gaze(model: Denoiser, *, inverse: bool = False) -> Denoiser:
+    """In place: from a model of (gaze - ahead) * scale, as trained, to one of plain gaze."""
+    ahead, columns = torch.tensor(AHEAD), slice(-len(AHEAD), None)
+    weight, bias, null = model.input.weight, model.input.bias, model.null_condition
+    if inverse:
+        bias += weight[:, columns] @ ahead
+        weight[:, columns] /= GAZE_SCALE
+        null.copy_((null - ahead) * GAZE_SCALE)
+    else:
+        weight[:, columns] *= GAZE_SCALE
+        bias -= weight[:, columns] @ ahead
+        null.copy_(null / GAZE_SCALE + ahead)
+    return model
 
 
 def losses(
@@ -117,12 +137,14 @@ def run(config: DiffusionConfig, rig_to_code: RigToCode, vertices: Vertices) -> 
     card = {
         "kind": "diffusion",
         "config": asdict(config.denoiser),
+        "data": streams.sources,
+        "truth": TRUTH,
         "steps": config.steps,
         "seed": config.seed,
         "metrics": {key: round(value, 5) for key, value in metrics.items()},
         **dict(config.note),
     }
-    checkpoint.save(config.output, model.state_dict(), card)
+    checkpoint.save(config.output, fold_gaze(model).state_dict(), card)
     return metrics
 
 

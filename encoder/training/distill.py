@@ -19,7 +19,14 @@ from encoder import checkpoint
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Guidance, Schedule, ddim_taus, guided
 from encoder.training import loop
-from encoder.training.diffusion import RigToCode, Vertices, velocity_loss, weighted_error
+from encoder.training.diffusion import (
+    TRUTH,
+    RigToCode,
+    Vertices,
+    fold_gaze,
+    velocity_loss,
+    weighted_error,
+)
 from encoder.training.streams import Streams
 
 
@@ -29,16 +36,16 @@ class DistillConfig:
     teacher: Path  # diffusion checkpoint, without suffix
     output: Path
     state: Path
-    steps: int = 1200
+    steps: int = 640
     batch: int = 16
     frames: int = 80
     rate: float = 3e-4
-    ddim_steps: int = 10
-    pool: int = 24  # batches of teacher samples a phase trains on
+    ddim_steps: int = 6
+    pool: int = 16  # batches of teacher samples a phase trains on
     guidance: Guidance = Guidance(weight=1.15)
     dmd_weight: float = 0.05
     velocity_weight: float = 1.0
-    truth_weight: float = 0.5  # rest and closures stay the truth's, not an average sample's
+    truth_weight: float = 1.0  # rest and closures stay the truth's, not an average sample's
     seed: int = 0
     resume: bool = False
     note: tuple[tuple[str, str], ...] = ()
@@ -180,6 +187,8 @@ def run(config: DistillConfig, rig_to_code: RigToCode, vertices: Vertices) -> di
     streams = Streams.load(config.streams, rig_to_code)
     teacher, card = load_denoiser(config.teacher, "diffusion")
     student, _ = load_denoiser(config.teacher, "diffusion")  # starts as the teacher
+    for model in (teacher, student):
+        fold_gaze(model, inverse=True)
     teacher.requires_grad_(False)
     schedule = Schedule(teacher.config.num_steps)
     at = phases_of(config.steps, lambda phase: make_pool(phase, teacher, streams, schedule, config))
@@ -197,6 +206,8 @@ def run(config: DistillConfig, rig_to_code: RigToCode, vertices: Vertices) -> di
     card = {
         "kind": "student",
         "config": asdict(student.config),
+        "data": streams.sources,
+        "truth": TRUTH,
         "teacher": {key: card[key] for key in ("steps", "seed", "metrics", "sha256")},
         "guidance": asdict(config.guidance),
         "ddim_steps": config.ddim_steps,
@@ -205,7 +216,7 @@ def run(config: DistillConfig, rig_to_code: RigToCode, vertices: Vertices) -> di
         "metrics": {key: round(value, 5) for key, value in metrics.items()},
         **dict(config.note),
     }
-    checkpoint.save(config.output, student.state_dict(), card)
+    checkpoint.save(config.output, loop.halved(fold_gaze(student).state_dict()), card)
     return metrics
 
 

@@ -23,6 +23,14 @@ def cosine(step: int, steps: int, peak: float, warmup: int = 50) -> float:
     return peak * (0.02 + 0.98 * (0.5 + 0.5 * cos(pi * min(done, 1.0))))
 
 
+def halved(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+    """Matrices as float16, to ship small; vectors and statistics keep their precision."""
+    return {
+        name: tensor.half() if tensor.is_floating_point() and tensor.ndim > 1 else tensor
+        for name, tensor in tensors.items()
+    }
+
+
 def adamw(modules: Mapping[str, nn.Module], rate: float) -> torch.optim.AdamW:
     parameters = [p for module in modules.values() for p in module.parameters() if p.requires_grad]
     return torch.optim.AdamW(parameters, lr=rate, betas=(0.9, 0.98), weight_decay=0.01)

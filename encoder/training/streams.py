@@ -5,6 +5,7 @@ minute (speech, rest, another voice), so the encoder's running statistics meet w
 and encoded once. Voices without tracked motion get labels from the audio stage's own mouth head.
 """
 
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,8 +16,8 @@ from tqdm import tqdm
 
 from encoder import checkpoint
 from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
-from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, SPEECH_COLUMNS
-from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_pack
+from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, SPEECH_COLUMNS
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest, read_pack
 from encoder.capture.motion import closing_weight, upper_face
 from encoder.training.audio import Heads, Outputs, load_heads, stacked
 from encoder.training.augment import Crop, crop
@@ -102,7 +103,8 @@ def run(config: StreamConfig) -> Path:
         rows.append([array.astype(np.float16) for array in (features, rig, gaze)])
     features, rig, gaze = (np.stack(arrays) for arrays in zip(*rows, strict=True))
     config.output.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(config.output, features=features, rig=rig, gaze=gaze)
+    sources = json.dumps(read_manifest(config.pack)["sources"])
+    np.savez(config.output, features=features, rig=rig, gaze=gaze, sources=np.array(sources))
     return config.output
 
 
@@ -124,8 +126,14 @@ def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
     return predict
 
 
-# Shut lips (p b m) are short and often a guess, and a mean of guesses never shuts.
+BLINK = RIG_INDEX["eyeBlink_L"]
+# Shut lips (p b m) are short and often a guess, and a mean of guesses never shuts. So are blinks.
 SHUT_WEIGHT = 4.0
+BLINK_WEIGHT = 3.0
+# Gaze varies by a tenth: training shows (gaze - ahead) * 10, so that it is learned like the rest.
+# `fold_gaze` in diffusion.py moves this map into the weights that are saved.
+AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
+GAZE_SCALE = 10.0
 
 
 def _shut(rig: np.ndarray) -> np.ndarray:
@@ -142,6 +150,7 @@ class Streams:
     codes: np.ndarray  # [S, T, 256] float32
     gaze: np.ndarray  # [S, T, 6] float16
     weight: np.ndarray  # [S, T] float32, of a frame's error
+    sources: dict[str, str]  # what was heard and seen -> its licence
 
     @staticmethod
     def load(path: Path, rig_to_code: Callable[[np.ndarray], np.ndarray]) -> "Streams":
@@ -149,12 +158,17 @@ class Streams:
             rig = data["rig"].astype(np.float32)
             codes = rig_to_code(rig).astype(np.float32)
             weight = np.where(_shut(rig), SHUT_WEIGHT, 1.0).astype(np.float32)
-            return Streams(data["features"], codes, data["gaze"], weight)
+            weight = np.where(rig[..., BLINK] > 0.4, np.float32(BLINK_WEIGHT), weight)
+            sources = json.loads(str(data["sources"]))
+            return Streams(data["features"], codes, data["gaze"], weight, sources)
 
     def draw(self, batch: int, frames: int, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
-        """Random windows: codes [B, T, 256], audio [B, T, A], gaze [B, T, 6], weight [B, T]."""
+        """Random windows: codes [B, T, 256], audio [B, T, A], scaled gaze [B, T, 6], weight."""
         stream = rng.integers(len(self.codes), size=batch)
         start = rng.integers(self.codes.shape[1] - frames + 1, size=batch)
         arrays = (self.codes, self.features, self.gaze, self.weight)
         cut = [[a[s, t : t + frames] for s, t in zip(stream, start, strict=True)] for a in arrays]
-        return tuple(torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut)
+        codes, audio, gaze, weight = (
+            torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut
+        )
+        return codes, audio, (gaze - torch.tensor(AHEAD)) * GAZE_SCALE, weight

@@ -95,6 +95,22 @@ def test_streams_hold_matching_rows(stages):
     assert codes.std() > 0 and weight.shape == (3, 12)
 
 
+def test_folding_the_gaze_changes_no_output():
+    torch.manual_seed(0)
+    model = Denoiser(PRESETS["debug"])
+    torch.nn.init.normal_(model.blocks[0].modulate.weight, std=0.1)
+    x, gaze, audio = torch.randn(1, 4, 256), torch.randn(1, 4, 6), torch.randn(1, 4, 512)
+    tau, drop = torch.tensor([150]), torch.tensor([False])
+    scaled = (gaze - torch.tensor(streams.AHEAD)) * streams.GAZE_SCALE
+    keeps = ({}, {"keep_condition": drop})
+    before = [model(x, tau, audio, scaled, **keep) for keep in keeps]
+    diffusion.fold_gaze(model)
+    after = [model(x, tau, audio, gaze, **keep) for keep in keeps]
+    torch.testing.assert_close(before, after, atol=1e-5, rtol=1e-4)
+    diffusion.fold_gaze(model, inverse=True)
+    torch.testing.assert_close(before[0], model(x, tau, audio, scaled), atol=1e-5, rtol=1e-4)
+
+
 def test_shut_lips_weigh_more():
     rig = np.zeros((1, 3, 53), np.float32)
     rig[0, 1:, JAW_OPEN] = 0.1
