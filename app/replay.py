@@ -73,7 +73,9 @@ class Replay:
         camera = cameras.portrait(self.size, self.size)
         head = Head(decoder, who, renderer, camera) if renderer else None
         frames = recording.duration_ns * 30 // 1_000_000_000
-        source = ReplaySource(recording, clock, realtime=self.realtime)
+        source = ReplaySource(
+            recording, clock, self.realtime, eyes=driver.config.condition == "eyes"
+        )
         info = RunInfo(width=self.size, height=self.size, frames=frames)
         try:
             summary = drive(

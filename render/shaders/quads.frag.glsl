@@ -4,7 +4,7 @@ in vec2 uv;
 flat in vec4 color;
 out vec4 premultiplied;
 
-const float CUTOFF = -7.9943534;  // log2(1 / 255)
+const float CUTOFF = -6.0;  // log2 of the faintest alpha that is drawn, 1/64
 const float MAX_ALPHA = 0.999;
 
 void main() {

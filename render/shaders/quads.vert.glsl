@@ -5,7 +5,7 @@ layout(std430, binding = 1) readonly buffer Order { uint order[]; };     // fart
 
 uniform vec2 size;  // px
 
-const float LOG2_255 = 7.9943534;
+const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
 
 out vec2 uv;
 flat out vec4 color;  // rgb, log2 of the opacity
@@ -15,7 +15,7 @@ void main() {
     vec4 a = uintBitsToFloat(splats[id]);
     uvec4 b = splats[id + 1u];
     float r = uintBitsToFloat(b.x), log2_opacity = uintBitsToFloat(b.y);
-    float radius = sqrt(max(log2_opacity + LOG2_255, 0.0));
+    float radius = sqrt(max(log2_opacity + FAINTEST, 0.0));
     uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
     float dy = uv.y / r;
     float dx = (uv.x - a.w * dy) / a.z;

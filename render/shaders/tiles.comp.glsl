@@ -11,9 +11,9 @@ layout(std430, binding = 3) writeonly buffer Pixels { uint pixels[]; }; // RGBA8
 uniform uvec2 size;        // px
 uniform vec3 background;
 
-const float CUTOFF = -7.9943534;  // log2(1 / 255)
+const float CUTOFF = -6.0;  // log2 of the faintest alpha that is drawn, 1/64
 const float MAX_ALPHA = 0.999;
-const float OPAQUE = 1.0 / 1024.0;  // a column this opaque hides the rest
+const float OPAQUE = 1.0 / 100.0;  // a column this opaque hides the rest
 
 void main() {
     uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;

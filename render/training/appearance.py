@@ -28,7 +28,8 @@ REGION_DENSITY = {"lips": 2.6, "eyelids": 3.0, "brows": 1.8, "head_neck": 0.5}
 SCLERA_MATERIALS = ("M_ScleraLeft", "M_ScleraRight")
 CANDIDATES = 8  # darts thrown a Gaussian kept
 SPACING = 0.80  # smallest distance of two neighbours, in units of 1 / sqrt(density)
-WIDTH = 0.72  # standard deviation of a Gaussian in the same unit: closes the gaps
+NEIGHBOURS = 5
+WIDTH = 0.54  # standard deviation, in units of the distance to the NEIGHBOURS-th neighbour
 KEY_LIGHT, FILL_LIGHT = np.array([0.35, 0.45, 0.82]), np.array([-0.7, 0.1, 0.7])
 
 
@@ -61,7 +62,8 @@ def place(face: FaceData, count: int, seed: int) -> Anchors:
     density[iris_front] = 0.1  # the back of an eyeball is never seen
     density *= count / (area * density).sum()
     triangles, barycentric = scatter(corners, area, density, rng)
-    scales = WIDTH / np.sqrt(density[triangles])
+    even = 1 / np.sqrt(density[triangles])
+    scales = WIDTH * np.clip(gaps(corners, triangles, barycentric), 0.8 * even, 1.35 * even)
     opacities = np.full(len(triangles), 0.99, np.float32)
     lashes = face.materials[triangles] == "M_EyeLashes"
     alpha = face.image("eyelash_alpha.png")
@@ -106,6 +108,24 @@ def scatter(
         near = np.array(tree.query_ball_point(points[dart], radius[dart]))
         free[near[normals[near] @ normals[dart] > 0.3]] = False
     return darts[kept].astype(np.int32), barycentric[kept].astype(np.float32)
+
+
+def gaps(
+    corners: Floats,  # [F, 3, 3] mm
+    triangles: NDArray[np.int32],  # [N]
+    barycentric: Floats,  # [N, 3]
+) -> Floats:  # [N] mm
+    """How far apart neighbours on the same surface are: wide Gaussians only where it is sparse."""
+    from scipy.spatial import KDTree
+
+    points = (corners[triangles] * barycentric[..., None]).sum(1)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[triangles]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9
+    distance, near = KDTree(points).query(points, k=4 * NEIGHBOURS)
+    other_side = (normals[near] * normals[:, None]).sum(-1) < 0.3
+    distance[other_side] = np.inf
+    widest = np.sort(distance, axis=1)[:, NEIGHBOURS]
+    return widest
 
 
 def _eye_depth(face: FaceData, corners: Floats) -> Floats:

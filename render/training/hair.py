@@ -63,7 +63,7 @@ def grow(
         rgb = np.clip((luminance / median)[:, None] ** 0.9 * np.array(tint), 0, 1)
     linear = rgb**2.2 * (light(normals) * 1.1 + 0.05)[:, None]
     size = np.sqrt(area.sum() / darts)
-    scales = np.tile(np.array([1.35, 0.52, 0.3], np.float32) * size, (darts, 1))
+    scales = np.tile(np.array([1.2, 0.45, 0.3], np.float32) * size, (darts, 1))
     keep = rgba[:, 3] > 0.3
     still = np.zeros((darts, 4), np.float32)
     outer = Gaussians(means, still, scales, keep * rgba[:, 3], rgba[:, :3])

@@ -159,7 +159,6 @@ def anchored(
         "anchor_barycentric": placed.barycentric,
         "anchor_scales": placed.scales,
         "anchor_areas": np.linalg.norm(normal, axis=1).astype(np.float32) + 1e-9,
-        "anchor_opacities": placed.opacities,
     }
 
 
@@ -177,6 +176,7 @@ def bake(
         "geometry": vertices.astype(np.float32),
         "eye_centers": np.stack(eyes),
         "colors": np.round(colors * 255).astype(np.uint8),
+        "opacities": placed.opacities,
         "hair_means": strands.means,
         "hair_quats": strands.quats,
         "hair_scales": strands.scales.astype(np.float16),
