@@ -45,7 +45,7 @@ class DistillConfig:
     guidance: Guidance = Guidance(weight=1.15)
     dmd_weight: float = 0.05
     velocity_weight: float = 1.0
-    truth_weight: float = 1.0  # rest and closures stay the truth's, not an average sample's
+    truth_weight: float = 2.0  # rest and closures stay the truth's, not an average sample's
     seed: int = 0
     resume: bool = False
     note: tuple[tuple[str, str], ...] = ()

@@ -29,7 +29,7 @@ class StreamConfig:
     audio: Path  # the audio checkpoint, without suffix
     heads: Path  # the heads of the audio stage, for labels of real voices
     output: Path  # .npz to write
-    minutes: float = 200.0
+    minutes: float = 80.0
     stream_frames: int = 900
     seed: int = 0
     split: str = "train"
@@ -128,8 +128,9 @@ def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
 
 BLINK = RIG_INDEX["eyeBlink_L"]
 # Shut lips (p b m) are short and often a guess, and a mean of guesses never shuts. So are blinks.
-SHUT_WEIGHT = 4.0
+SHUT_WEIGHT = 8.0
 BLINK_WEIGHT = 3.0
+REST_WEIGHT = 2.5  # a mouth that moves in silence is seen at once
 # Gaze varies by a tenth: training shows (gaze - ahead) * 10, so that it is learned like the rest.
 # `fold_gaze` in diffusion.py moves this map into the weights that are saved.
 AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
@@ -157,7 +158,9 @@ class Streams:
         with np.load(path, allow_pickle=False) as data:
             rig = data["rig"].astype(np.float32)
             codes = rig_to_code(rig).astype(np.float32)
-            weight = np.where(_shut(rig), SHUT_WEIGHT, 1.0).astype(np.float32)
+            rest = rig[..., list(SPEECH_COLUMNS)].max(-1) < 0.01
+            weight = np.where(rest, REST_WEIGHT, 1.0).astype(np.float32)
+            weight = np.where(_shut(rig), np.float32(SHUT_WEIGHT), weight)
             weight = np.where(rig[..., BLINK] > 0.4, np.float32(BLINK_WEIGHT), weight)
             sources = json.loads(str(data["sources"]))
             return Streams(data["features"], codes, data["gaze"], weight, sources)
