@@ -63,10 +63,10 @@ def drive(
         for sink in sinks:
             sink.on_start(info)
             opened.append(sink)
-        source.open()
         gc.collect()
         gc.freeze()
         gc.disable()
+        source.open()
         start_ns = clock.now_ns()
         while not source.exhausted:
             if realtime:
