@@ -1,0 +1,135 @@
+"""What `replay` and `run` share: who is driven and how, what is drawn, what is written."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+import tyro
+
+from sensors.types import FPS, Clock, InputError, Source
+
+if TYPE_CHECKING:
+    from app.sinks.sink import Sink
+    from encoder.driver import Driver
+    from render.decoder import Decoder
+    from render.identity import Identity
+
+MAX_SIZE = 4096
+
+
+@dataclass(kw_only=True)
+class DriveOptions:
+    """Options of every command that drives the head."""
+
+    video: Path | None = None
+    """Write a video with sound, e.g. out.mp4."""
+    pictures: Path | None = None
+    """Write PNG pictures into this folder."""
+    every: int = 30
+    """Frames from one picture to the next."""
+    motion: Path | None = None
+    """Write codes, gaze, blendshapes and vertices, e.g. out.npz."""
+    arkit: Path | None = None
+    """Write a Live Link Face table, e.g. out.csv."""
+    report: Path | None = None
+    """Write timings and settings, e.g. out.json."""
+    avatar: str = "ben"
+    """Who is driven; see: livedrive avatar list."""
+    condition: Literal["auto", "gaze"] = "auto"
+    """What drives the upper face: synthesised gaze."""
+    size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
+    """Width and height of the picture, in pixels."""
+    seed: int = 0
+    """Seed of the diffusion noise and of the gaze."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where the networks run."""
+
+    def load_driver(self) -> "Driver":
+        """Check the options and load the networks."""
+        if not 64 <= self.size <= MAX_SIZE or self.size % 2:
+            raise InputError(
+                f"--size: expected an even number in 64..{MAX_SIZE}, got {self.size}; "
+                "try --size 512"
+            )
+        from encoder.inference import load_driver
+
+        return load_driver(device=self.device)
+
+    def drive(
+        self,
+        source: Source,
+        driver: "Driver",
+        clock: Clock,
+        *,
+        realtime: bool,
+        draw: bool,
+        frames: int | None = None,  # how many will come, where that is known
+        more_sinks: Sequence["Sink"] = (),
+    ) -> dict[str, Any]:
+        """Drive the head from `source` until it ends or Ctrl-C; return the report (DESIGN 4)."""
+        from app.loop import Head, drive
+        from app.sinks.sink import RunInfo
+        from app.stages import Stages
+        from render import cameras, identity
+        from render.decoder import Decoder
+        from render.renderer import create_renderer
+
+        who, decoder = identity.load(self.avatar), Decoder.load()
+        sinks = [*self._sinks(decoder, who), *more_sinks]
+        stages = Stages()
+        renderer = create_renderer() if draw or self.video or self.pictures else None
+        camera = cameras.portrait(self.size, self.size)
+        head = Head(decoder, who, renderer, camera) if renderer else None
+        info = RunInfo(width=self.size, height=self.size, frames=frames)
+        try:
+            summary = drive(source, driver, head, sinks, clock, stages, info, self.seed, realtime)
+        finally:
+            if renderer:
+                renderer.close()
+        return {
+            "frames": summary.frames,
+            "dropped": summary.dropped,
+            "seconds": summary.frames / FPS,
+            "late_ms": round(summary.late_ns / 1e6, 3),
+            "renderer": renderer.name if renderer else "none",
+            "device": self.device,
+            "backend": driver.backend.name,
+            "seed": self.seed,
+            "condition": driver.config.condition,
+            "checkpoint": "student",
+            "avatar": self.avatar,
+            "stages": stages.summary(),
+        }
+
+    def finish(self, report: dict[str, Any]) -> None:
+        """Write the report where it was asked for, and say what was done."""
+        if self.report:
+            self.report.write_text(json.dumps(report, indent=2) + "\n")
+        tick = report["stages"]["tick"]
+        print(
+            f"{report['frames']} frames ({report['seconds']:.1f} s), {report['dropped']} dropped, "
+            f"tick p50 {tick['p50_ms']:.1f} ms, p99 {tick['p99_ms']:.1f} ms, "
+            f"{report['renderer']}, {report['backend']}"
+        )
+        for path in (self.video, self.pictures, self.motion, self.arkit, self.report):
+            if path:
+                print(f"wrote {path.resolve()}")
+
+    def _sinks(self, decoder: "Decoder", who: "Identity") -> list["Sink"]:
+        from app.sinks.arkit import ArkitSink
+        from app.sinks.motion import MotionSink
+        from app.sinks.pictures import PictureSink
+        from app.sinks.video import VideoSink
+
+        sinks: list[Sink] = []
+        if self.video:
+            sinks.append(VideoSink(self.video))
+        if self.pictures:
+            sinks.append(PictureSink(self.pictures, self.every))
+        if self.motion:
+            sinks.append(MotionSink(self.motion, decoder, who))
+        if self.arkit:
+            sinks.append(ArkitSink(self.arkit, decoder))
+        return sinks
