@@ -15,9 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.controls import ControlPanel, hushed
 from app.sinks.sink import FrameResult, RunInfo, Sink
 from app.stages import Stages
 from encoder.driver import DrivenFrame, Driver
+from render import identity
 from render.decoder import Decoder
 from render.identity import Identity
 from render.types import Camera, Renderer
@@ -54,9 +56,11 @@ def drive(
     info: RunInfo,
     seed: int,
     realtime: bool,
+    panel: ControlPanel | None = None,
 ) -> Summary:
-    """Run until the source is exhausted or Ctrl-C; sinks are closed either way."""
+    """Run until the source is exhausted, the panel is closed or Ctrl-C; sinks are closed anyway."""
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
+    muted, resets = False, 0
     opened: list[Sink] = []
     collecting = gc.isenabled()
     try:
@@ -72,10 +76,19 @@ def drive(
             if realtime:
                 # The frame after next can only be complete at this absolute time.
                 clock.sleep_until_ns(start_ns + (summary.frames + 1) * NS // FPS)
+            if panel:
+                wanted = panel.read()
+                if wanted.closed:
+                    break
+                if wanted.resets > resets:
+                    state, resets = driver.init_state(seed), wanted.resets
+                if head and wanted.avatar != head.identity.name:
+                    head.identity = identity.load(wanted.avatar)
+                muted = wanted.muted
             with stages("tick"):
                 with stages("assemble"):
                     for packet in source.poll():
-                        assembler.push(packet)
+                        assembler.push(hushed(packet) if muted else packet)
                     frames = assembler.ready()
                 for frame in frames:
                     driven, state = driver.step(frame, state, stages)
@@ -84,7 +97,7 @@ def drive(
                     summary.dropped += not newest
                     picture = _draw(head, driven, stages) if head and newest else None
                     with stages("sinks"):
-                        result = FrameResult(frame, driven, picture)
+                        result = FrameResult(frame, driven, picture, summary.dropped)
                         for sink in opened:
                             sink.on_frame(result)
             if realtime:

@@ -12,6 +12,8 @@ from sensors.types import FPS, Clock, InputError, Source
 
 if TYPE_CHECKING:
     from app.sinks.sink import Sink
+    from app.stages import Stages
+    from app.window.sink import WindowSink
     from encoder.driver import Driver
     from render.decoder import Decoder
     from render.identity import Identity
@@ -35,6 +37,8 @@ class DriveOptions:
     """Write a Live Link Face table, e.g. out.csv."""
     report: Path | None = None
     """Write timings and settings, e.g. out.json."""
+    window: bool = False
+    """Show the head in a window; F1 there lists the keys."""
     avatar: str = "ben"
     """Who is driven; see: livedrive avatar list."""
     condition: Literal["auto", "gaze"] = "auto"
@@ -65,6 +69,8 @@ class DriveOptions:
         *,
         realtime: bool,
         draw: bool,
+        title: str,  # of the window
+        live: bool = False,  # a microphone can be muted
         frames: int | None = None,  # how many will come, where that is known
         more_sinks: Sequence["Sink"] = (),
     ) -> dict[str, Any]:
@@ -77,14 +83,17 @@ class DriveOptions:
         from render.renderer import create_renderer
 
         who, decoder = identity.load(self.avatar), Decoder.load()
-        sinks = [*self._sinks(decoder, who), *more_sinks]
         stages = Stages()
+        window = self._open_window(clock, stages, title, live, frames) if self.window else None
+        sinks = [*self._sinks(decoder, who), *more_sinks, *([window] if window else [])]
         renderer = create_renderer() if draw or self.video or self.pictures else None
         camera = cameras.portrait(self.size, self.size)
         head = Head(decoder, who, renderer, camera) if renderer else None
         info = RunInfo(width=self.size, height=self.size, frames=frames)
         try:
-            summary = drive(source, driver, head, sinks, clock, stages, info, self.seed, realtime)
+            summary = drive(
+                source, driver, head, sinks, clock, stages, info, self.seed, realtime, window
+            )
         finally:
             if renderer:
                 renderer.close()
@@ -116,6 +125,23 @@ class DriveOptions:
         for path in (self.video, self.pictures, self.motion, self.arkit, self.report):
             if path:
                 print(f"wrote {path.resolve()}")
+
+    def _open_window(
+        self, clock: Clock, stages: "Stages", title: str, live: bool, frames: int | None
+    ) -> "WindowSink":
+        from app.window.shared import WindowInfo
+        from app.window.sink import WindowSink
+        from render import identity
+
+        info = WindowInfo(
+            title=title,
+            avatar=self.avatar,
+            avatars=tuple(identity.names()),
+            live=live,
+            frames=frames,
+            size=self.size,
+        )
+        return WindowSink(info, clock, stages.latest_ms)
 
     def _sinks(self, decoder: "Decoder", who: "Identity") -> list["Sink"]:
         from app.sinks.arkit import ArkitSink

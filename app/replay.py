@@ -21,22 +21,25 @@ class Replay(DriveOptions):
     """At the pace of the recording; late pictures are dropped, steps never."""
 
     def run(self) -> None:
-        if self.fast and self.realtime:
-            raise InputError("pace: expected --fast or --realtime, got both; give one")
+        if self.fast and (self.realtime or self.window):
+            other = "--realtime" if self.realtime else "--window"
+            raise InputError(f"pace: expected --fast or {other}, got both; give one")
         from app.sinks.progress import ProgressSink
         from sensors.clock import MonotonicClock
         from sensors.recording import Recording
         from sensors.replay import ReplaySource
 
         recording, driver, clock = Recording(self.session), self.load_driver(), MonotonicClock()
-        eyes = driver.config.condition == "eyes"
+        eyes = self.window or driver.config.condition == "eyes"
+        realtime = self.realtime or self.window
         report = self.drive(
-            ReplaySource(recording, clock, self.realtime, eyes=eyes),
+            ReplaySource(recording, clock, realtime, eyes=eyes),
             driver,
             clock,
-            realtime=self.realtime,
+            realtime=realtime,
             # Codes alone need no picture; --realtime always draws, as a live run does.
             draw=self.realtime or self.report is not None,
+            title=str(self.session),
             frames=recording.duration_ns * FPS // NS,
             more_sinks=[ProgressSink()],
         )

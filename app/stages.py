@@ -35,6 +35,10 @@ class Stages:
             self._cpu_ns[name][slot] = time.process_time_ns() - cpu
             self._count[name] += 1
 
+    def latest_ms(self) -> list[float]:
+        """What each stage last took, in the order of STAGES; 0 for one that never ran."""
+        return [self._wall_ns[name][self._count[name] % CAPACITY - 1] / 1e6 for name in STAGES]
+
     def summary(self) -> dict[str, dict[str, float]]:
         """{stage: {p50_ms, p95_ms, p99_ms, cpu_ms}}; cpu_ms is a mean over all threads."""
         out: dict[str, dict[str, float]] = {}

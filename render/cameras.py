@@ -1,5 +1,7 @@
 """Cameras that look at the head. World: +x subject's left, +y up, +z forward, millimetres."""
 
+from dataclasses import dataclass, replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -9,6 +11,9 @@ from render.types import DEFAULT_BACKGROUND, Camera
 HEAD_CENTRE_MM = (0.0, 15.0, 0.0)  # between the chin (~ -110) and the top of the head (~ +140)
 PORTRAIT_SPAN_MM = 320.0  # what the shorter side of the picture shows at the target
 PORTRAIT_DISTANCE_MM = 900.0
+MAX_PITCH_DEG = 85.0
+ZOOM_RANGE = (0.4, 8.0)
+MOVE_RANGE_MM = 200.0
 
 
 def look_at(
@@ -56,3 +61,49 @@ def portrait(
         near_mm=10.0,
         background=background,
     )
+
+
+@dataclass(frozen=True)
+class Orbit:
+    """A camera that a hand turns around the head; every move gives a new value."""
+
+    yaw_deg: float = 0.0  # towards the subject's left
+    pitch_deg: float = 0.0  # upwards
+    zoom: float = 1.0  # 2: everything is twice as large
+    right_mm: float = 0.0  # how far the head is moved in the picture
+    up_mm: float = 0.0
+
+    def turned(self, yaw_deg: float, pitch_deg: float) -> "Orbit":
+        yaw = (self.yaw_deg + yaw_deg + 180.0) % 360.0 - 180.0
+        pitch = min(max(self.pitch_deg + pitch_deg, -MAX_PITCH_DEG), MAX_PITCH_DEG)
+        return replace(self, yaw_deg=yaw, pitch_deg=pitch)
+
+    def zoomed(self, factor: float) -> "Orbit":
+        return replace(self, zoom=min(max(self.zoom * factor, ZOOM_RANGE[0]), ZOOM_RANGE[1]))
+
+    def moved(self, right_mm: float, up_mm: float) -> "Orbit":
+        right, up = (
+            min(max(value, -MOVE_RANGE_MM), MOVE_RANGE_MM)
+            for value in (self.right_mm + right_mm, self.up_mm + up_mm)
+        )
+        return replace(self, right_mm=right, up_mm=up)
+
+    def mm_per_px(self, width: int, height: int) -> float:
+        """Size of a pixel at the head's centre."""
+        return PORTRAIT_SPAN_MM / (self.zoom * min(width, height))
+
+    def camera(
+        self,
+        width: int,
+        height: int,
+        background: tuple[float, float, float] = DEFAULT_BACKGROUND,
+    ) -> Camera:
+        """The camera of this moment."""
+        base = portrait(width, height, self.yaw_deg, self.pitch_deg, background=background)
+        K = base.K.copy()
+        K[0, 0] *= self.zoom
+        K[1, 1] *= self.zoom
+        mm_per_px = self.mm_per_px(width, height)
+        K[0, 2] += self.right_mm / mm_per_px
+        K[1, 2] -= self.up_mm / mm_per_px
+        return replace(base, K=K)

@@ -87,8 +87,11 @@ class _GlfwLoader:
     def release(self) -> None: ...
 
 
-def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) -> GLContext:
-    """Open a context; "auto" takes EGL, else OSMesa. `size` matters to "window" only."""
+def create_context(
+    backend: str = "auto", size: tuple[int, int] = (512, 512), transparent: bool = False
+) -> GLContext:
+    """Open a context; "auto" takes EGL, else OSMesa. The rest matters to "window" only: its size
+    in px, and whether the desktop shines through where alpha is 0 (if the desktop can do that)."""
     if backend not in BACKENDS:
         raise InputError(
             f"GL backend: expected one of {', '.join(BACKENDS)}, got {backend!r}; try auto"
@@ -98,7 +101,7 @@ def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) ->
     if backend == "osmesa":
         return _create_osmesa()
     if backend == "window":
-        return _create_window(size)
+        return _create_window(size, transparent)
     try:
         return _create_egl()
     except InputError as no_egl:
@@ -138,11 +141,16 @@ def _create_osmesa() -> GLContext:
     return _create_glfw("osmesa", hints, (16, 16))
 
 
-def _create_window(size: tuple[int, int]) -> GLContext:
+def _create_window(size: tuple[int, int], transparent: bool) -> GLContext:
     import glfw
 
     glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
-    return _create_glfw("window", {glfw.RESIZABLE: glfw.TRUE}, size)
+    hints = {
+        glfw.RESIZABLE: glfw.TRUE,
+        glfw.SCALE_TO_MONITOR: glfw.TRUE,
+        glfw.TRANSPARENT_FRAMEBUFFER: glfw.TRUE if transparent else glfw.FALSE,
+    }
+    return _create_glfw("window", hints, size)
 
 
 def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> GLContext:

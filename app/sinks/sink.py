@@ -26,6 +26,7 @@ class FrameResult:
     sensors: SensorFrame
     driven: DrivenFrame
     picture: NDArray[np.uint8] | None  # [H, W, 4]; None where the draw was skipped
+    dropped: int = 0  # ticks stepped and not drawn, so far
 
 
 class Sink(Protocol):

@@ -44,3 +44,26 @@ def test_impossible_cameras_are_input_errors(kwargs):
         portrait(64, 64, **kwargs)
     with pytest.raises(InputError, match="0x64"):
         portrait(0, 64)
+
+
+def test_an_orbit_turns_zooms_and_moves_the_picture_under_the_hand():
+    from render.cameras import HEAD_CENTRE_MM, Orbit
+
+    orbit = Orbit().turned(30.0, 10.0).zoomed(2.0)
+    camera = orbit.camera(300, 200)
+    assert pixel(camera, HEAD_CENTRE_MM)[0] == pytest.approx((150.0, 100.0))
+    assert camera.K[0, 0] == pytest.approx(2.0 * portrait(300, 200).K[0, 0])
+    px = orbit.mm_per_px(300, 200)
+    moved = orbit.moved(20 * px, 7 * px).camera(300, 200)
+    assert pixel(moved, HEAD_CENTRE_MM)[0] == pytest.approx((170.0, 93.0))
+
+
+def test_an_orbit_stays_in_its_range():
+    from render.cameras import MAX_PITCH_DEG, MOVE_RANGE_MM, ZOOM_RANGE, Orbit
+
+    orbit = Orbit().turned(3590.0, 500.0).zoomed(1e9).moved(1e9, -1e9)
+    assert orbit.yaw_deg == pytest.approx(-10.0)
+    assert orbit.pitch_deg == MAX_PITCH_DEG
+    assert orbit.zoom == ZOOM_RANGE[1]
+    assert (orbit.right_mm, orbit.up_mm) == (MOVE_RANGE_MM, -MOVE_RANGE_MM)
+    orbit.camera(64, 64)

@@ -1,0 +1,38 @@
+"""The window process: `python -m app.window DESCRIPTOR INFO`, started by WindowSink."""
+
+import json
+import signal
+import sys
+
+from app.window.shared import SharedMemory, WindowInfo
+from render.errors import InputError as RenderInputError
+from sensors.types import InputError
+
+
+def main() -> None:
+    """Open the window; what goes wrong is left in the shared memory for the loop to report."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
+    memory, fields = SharedMemory(int(sys.argv[1])), json.loads(sys.argv[2])
+    fields |= {name: tuple(fields[name]) for name in ("avatars", "emotions")}
+    info = WindowInfo(**fields)
+    try:
+        try:
+            # Before any import of glfw: makes it load the library that ImGui uses.
+            import imgui_bundle  # noqa: F401  # pyright: ignore[reportUnusedImport]
+        except ImportError as error:
+            raise InputError(
+                f"--window: expected imgui-bundle, got {error}; run: pip install livedrive[window]"
+            ) from error
+        from app.window.screen import Screen
+        from app.window.window import Window
+
+        screen = Screen(f"livedrive - {info.title}", info.background == "transparent")
+        window = Window(screen, memory, info)
+    except (InputError, RenderInputError) as error:
+        memory.wishes["error"] = str(error).encode()[:400]
+        raise SystemExit(2) from None
+    window.run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,126 @@
+"""The head in the window: decodes, draws, and lays the picture over the background."""
+
+from typing import Literal
+
+import moderngl
+import numpy as np
+from numpy.typing import NDArray
+
+from app.window.layout import Rect
+from render import identity
+from render.cameras import Orbit
+from render.contexts import GLContext
+from render.decoder import Decoder
+from render.renderer import wrap_context
+
+BLACK = (0.0, 0.0, 0.0)  # over black, colours come out premultiplied by coverage
+STILL_PX = 1024
+MAX_PX = 2048
+Code = NDArray[np.float32]
+
+VERTEX = """
+#version 430
+void main() {
+    gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
+}
+"""
+FRAGMENT = """
+#version 430
+uniform sampler2D head;      // premultiplied
+uniform vec4 area;           // x, y, width, height in px from the upper left
+uniform float window_height; // px
+uniform vec4 background;     // premultiplied
+uniform bool studio;         // a soft light behind the head instead
+uniform bool mirror;
+out vec4 color;
+
+float noise(vec2 p) { return fract(52.9829189 * fract(dot(p, vec2(0.06711056, 0.00583715)))); }
+
+void main() {
+    vec2 place = vec2(gl_FragCoord.x, window_height - gl_FragCoord.y);
+    vec2 uv = (place - area.xy) / area.zw;
+    vec4 behind = background;
+    if (studio) {
+        float far = length((uv - vec2(0.5, 0.42)) * area.zw) / max(area.z, area.w);
+        float light = mix(0.225, 0.085, smoothstep(0.0, 0.78, far));
+        light += (noise(gl_FragCoord.xy) - 0.5) / 255.0;  // no bands in the gradient
+        behind = vec4(vec3(0.93, 0.98, 1.07) * light, 1.0);
+    }
+    vec4 front = vec4(0.0);
+    if (all(greaterThanEqual(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0))))
+        front = texture(head, mirror ? vec2(1.0 - uv.x, uv.y) : uv);
+    color = front + behind * (1.0 - front.a);
+}
+"""
+
+
+class HeadView:
+    """Owns the decoder, the identity and the renderer of the window."""
+
+    def __init__(self, context: GLContext, avatar: str, size: int) -> None:
+        self._context, self._size = context, size
+        self.decoder = Decoder.load()
+        self.identity = identity.load(avatar)
+        self._renderer = wrap_context(context)
+        gl = context.gl
+        self._program = gl.program(vertex_shader=VERTEX, fragment_shader=FRAGMENT)
+        self._triangle = gl.vertex_array(self._program, [])
+        self._texture = gl.texture((1, 1), 4)
+
+    def choose(self, avatar: str) -> None:
+        if avatar != self.identity.name:
+            self.identity = identity.load(avatar)
+
+    def draw(self, expression: Code, gaze: Code, orbit: Orbit, view: Rect) -> None:
+        """Draw the head for a view of this size; a CPU draws fewer pixels and scales them up."""
+        short = min(view.width, view.height)
+        limit = self._size if self._context.software else MAX_PX
+        share = min(1.0, limit / short)
+        width, height = max(round(view.width * share), 1), max(round(view.height * share), 1)
+        picture = self._picture(expression, gaze, orbit, width, height)
+        if self._texture.size != (width, height):
+            self._texture.release()
+            self._texture = self._context.gl.texture((width, height), 4)
+            self._texture.repeat_x = self._texture.repeat_y = False
+        self._texture.write(picture)
+
+    def show(
+        self,
+        view: Rect,
+        window: tuple[int, int],
+        background: tuple[float, float, float, float] | Literal["studio"],
+        mirror: bool,
+    ) -> None:
+        """Fill the window with the background and the last picture."""
+        gl, program = self._context.gl, self._program
+        gl.screen.use()
+        gl.viewport = (0, 0, *window)
+        gl.enable_only(moderngl.NOTHING)
+        self._texture.use(0)
+        program["area"] = tuple(view)
+        program["window_height"] = window[1]
+        program["studio"] = background == "studio"
+        red, green, blue, alpha = (0.0,) * 4 if background == "studio" else background
+        program["background"] = (red * alpha, green * alpha, blue * alpha, alpha)
+        program["mirror"] = mirror
+        self._triangle.render(moderngl.TRIANGLES, vertices=3)
+
+    def still(self, expression: Code, gaze: Code, orbit: Orbit) -> NDArray[np.uint8]:
+        """A square picture [H, W, 4] with straight alpha and nothing behind the head."""
+        picture = self._picture(expression, gaze, orbit, STILL_PX, STILL_PX)
+        return straight_alpha(picture)
+
+    def _picture(
+        self, expression: Code, gaze: Code, orbit: Orbit, width: int, height: int
+    ) -> NDArray[np.uint8]:
+        _, gaussians = self.decoder.decode(expression, gaze, self.identity)
+        self._renderer.draw(gaussians, orbit.camera(width, height, BLACK))
+        return self._renderer.read_rgba()
+
+
+def straight_alpha(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Premultiplied [H, W, 4] -> straight, as PNG wants it."""
+    out = picture.copy()
+    alpha = picture[..., 3:].astype(np.float32)
+    out[..., :3] = (picture[..., :3] * (255.0 / np.maximum(alpha, 1.0)) + 0.5).clip(0, 255)
+    return out

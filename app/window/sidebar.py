@@ -1,0 +1,238 @@
+"""The sidebar: who is driven, what is heard and seen, what a tick costs, how it is shown."""
+
+from typing import Any
+
+import numpy as np
+from imgui_bundle import ImVec2, ImVec2Like, ImVec4, imgui, implot
+from imgui_bundle import icons_fontawesome_6 as icons
+
+from app.stages import STAGES
+from app.window import parts, theme
+from app.window.eyes import Marks
+from app.window.history import KEPT, SILENCE_DB
+from app.window.layout import Rect
+from app.window.state import BACKGROUNDS, State
+from sensors.types import EYE_NAMES, EYE_SIZE, FPS
+
+BUDGET_MS = 1000 / FPS
+SHOWN = [k for k, name in enumerate(STAGES) if name != "tick"]
+AUTOMATIC = "as heard"  # no emotion is chosen
+EYE_MARK, EYE_RAY = theme.GOOD, theme.ACCENT
+
+
+def draw(
+    state: State,
+    fonts: theme.Fonts,
+    rect: Rect,
+    eye_textures: list[Any],  # imgui texture references, left eye first
+    marks: list[Marks] | None,  # left eye first
+) -> None:
+    with parts.area("sidebar", rect, background=True):
+        _who(state, fonts)
+        _sound(state, fonts)
+        _eyes(state, fonts, eye_textures, marks)
+        _timing(state, fonts)
+        _view(state, fonts)
+
+
+def _who(state: State, fonts: theme.Fonts) -> None:
+    parts.heading("Avatar", fonts, first=True)
+    info, wishes = state.info, state.wishes
+    wishes["avatar"] = info.avatars.index(parts.pick("avatar", state.avatar, info.avatars))
+    if info.emotions:
+        parts.heading("Emotion", fonts)
+        names = (AUTOMATIC, *info.emotions)
+        chosen = parts.pick("emotion", names[int(wishes["emotion"]) + 1], names)
+        wishes["emotion"] = names.index(chosen) - 1
+
+
+def _sound(state: State, fonts: theme.Fonts) -> None:
+    history, is_muted = state.history, bool(state.wishes["muted"])
+    silent = history.level_db <= SILENCE_DB
+    note = "muted" if is_muted else "silence" if silent else f"{history.level_db:.0f} dB"
+    parts.heading("Microphone" if state.info.live else "Sound", fonts, note)
+    level, peak = (1.0 - x / SILENCE_DB for x in (history.level_db, history.peak_db))
+    parts.meter(level, peak, is_muted)
+
+
+def _eyes(state: State, fonts: theme.Fonts, textures: list[Any], marks: list[Marks] | None) -> None:
+    history = state.history
+    parts.heading("Eyes", fonts, "" if history.has_eyes else "no eye cameras: synthesised gaze")
+    gap = imgui.get_style().item_spacing.x
+    side = (imgui.get_content_region_avail().x - gap) / 2
+    # As the head faces us its left eye is on our right, unless the view is mirrored.
+    order = (0, 1) if state.mirror else (1, 0)
+    for place, eye in enumerate(order):
+        if place:
+            imgui.same_line()
+        imgui.begin_group()
+        mark = marks[eye] if marks else None
+        _eye_picture(state, eye, side, textures[eye], mark)
+        with parts.font(fonts.text, theme.SMALL_PX):
+            imgui.text(EYE_NAMES[eye].capitalize())
+            text = f"lid {mark.opening:.0%}" if mark else ""
+            imgui.same_line(side - imgui.calc_text_size(text).x)
+            parts.muted(text)
+            if mark:
+                parts.muted(f"{mark.yaw_deg:+.0f}\u00b0 yaw   {mark.pitch_deg:+.0f}\u00b0 pitch")
+        imgui.end_group()
+
+
+def _eye_picture(state: State, eye: int, side: float, texture: Any, mark: Marks | None) -> None:
+    corner, paint = imgui.get_cursor_screen_pos(), imgui.get_window_draw_list()
+    scale = imgui.get_style().font_scale_dpi
+    end = ImVec2(corner.x + side, corner.y + side)
+    radius = 8 * scale
+    paint.add_rect_filled(corner, end, parts.rgba(theme.RAISED), radius)
+    seen, valid = state.history.eyes_age_ms[eye] >= 0, bool(state.history.eyes_valid[eye])
+    if seen:
+        left, right = (1.0, 0.0) if state.mirror else (0.0, 1.0)
+        tint = parts.rgba((1.0, 1.0, 1.0, 1.0 if valid else 0.35))
+        paint.add_image_rounded(
+            texture, corner, end, ImVec2(left, 0), ImVec2(right, 1), tint, radius
+        )
+    if mark is not None:
+        paint.push_clip_rect(corner, end, True)
+
+        def place(px: np.ndarray) -> ImVec2:
+            x, y = px / EYE_SIZE * side
+            return ImVec2(corner.x + (side - x if state.mirror else x), corner.y + y)
+
+        lids: list[ImVec2Like] = [place(px) for px in mark.lids]
+        paint.add_polyline(lids, parts.rgba(EYE_MARK, 0.85), 1.4 * scale, imgui.ImDrawFlags_.closed)
+        pupil = place(mark.pupil)
+        paint.add_circle(pupil, 6 * scale, parts.rgba(EYE_RAY), 24, 1.6 * scale)
+        paint.add_line(pupil, place(mark.ray_end), parts.rgba(EYE_RAY), 1.6 * scale)
+        paint.pop_clip_rect()
+    if seen and not valid:
+        text = f"{state.history.eyes_age_ms[eye]:.0f} ms old"
+        paint.add_text(ImVec2(corner.x + 10, corner.y + 8), parts.rgba(theme.WARN), text)
+    imgui.dummy(ImVec2(side, side))
+
+
+def _timing(state: State, fonts: theme.Fonts) -> None:
+    history = state.history
+    parts.heading("Tick", fonts, f"{history.tick_ms(50):.1f} ms, p99 {history.tick_ms(99):.1f} ms")
+    _graph(state, fonts)
+    means = history.stage_ms[-FPS:].mean(0)
+    shown = [k for k in SHOWN if means[k] >= 0.05] or SHOWN[:1]
+    with parts.font(fonts.text, theme.SMALL_PX):
+        half = imgui.get_content_region_avail().x / 2
+        paint, scale = imgui.get_window_draw_list(), imgui.get_style().font_scale_dpi
+        left = imgui.get_cursor_pos_x()
+        for place, k in enumerate(shown):
+            if place % 2:
+                imgui.same_line()
+            imgui.set_cursor_pos_x(left + half * (place % 2))
+            corner = imgui.get_cursor_screen_pos()
+            middle = corner.y + imgui.get_text_line_height() / 2
+            paint.add_circle_filled(
+                ImVec2(corner.x + 4 * scale, middle), 4 * scale, parts.rgba(theme.STAGE_COLORS[k])
+            )
+            imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + 16 * scale)
+            imgui.text(STAGES[k])
+            value = f"{means[k]:.1f}"
+            imgui.same_line(left + half * (place % 2 + 1) - 18 * scale - _width(value))
+            parts.muted(value)
+        _counters(state)
+
+
+def _width(text: str) -> float:
+    return float(imgui.calc_text_size(text).x)
+
+
+def _counters(state: State) -> None:
+    history = state.history
+    for label, value in (("dropped", history.dropped), ("sound gaps", history.audio_gaps)):
+        color = theme.WARN if value else theme.MUTED
+        imgui.text_colored(ImVec4(*color), f"{value} {label}")
+        imgui.same_line(0, 18 * imgui.get_style().font_scale_dpi)
+    text = f"{state.history.frames} ticks"
+    parts.right_align(text)
+    parts.muted(text)
+
+
+def _graph(state: State, fonts: theme.Fonts) -> None:
+    scale = imgui.get_style().font_scale_dpi
+    history, axes = state.history, implot.AxisFlags_
+    tops = np.cumsum(history.stage_ms[:, SHOWN], axis=1)
+    ceiling = max(40.0, float(history.stage_ms[:, -1].max()) * 1.1)
+    seconds = (np.arange(KEPT) - (KEPT - 1)) / FPS
+    implot.push_style_color(implot.Col_.frame_bg, ImVec4(*theme.RAISED))
+    implot.push_style_color(implot.Col_.plot_bg, ImVec4(*theme.CLEAR))
+    implot.push_style_color(implot.Col_.plot_border, ImVec4(*theme.CLEAR))
+    implot.push_style_color(implot.Col_.axis_grid, ImVec4(1, 1, 1, 0.08))
+    implot.push_style_color(implot.Col_.axis_text, ImVec4(*theme.MUTED))
+    implot.push_style_var(implot.StyleVar_.plot_padding, ImVec2(8 * scale, 8 * scale))
+    with parts.font(fonts.text, theme.SMALL_PX - 1):
+        flags = implot.Flags_.canvas_only | implot.Flags_.no_inputs
+        if implot.begin_plot("##tick", ImVec2(-1, 118 * scale), flags):
+            quiet = axes.no_tick_marks | axes.no_menus | axes.no_highlight
+            implot.setup_axes("", "", quiet | axes.no_tick_labels | axes.no_grid_lines, quiet)
+            implot.setup_axes_limits(float(seconds[0]), 0.0, 0.0, ceiling, implot.Cond_.always)
+            implot.setup_axis_ticks(implot.ImAxis_.y1, [0.0, 10.0, 20.0, BUDGET_MS])
+            implot.setup_axis_format(implot.ImAxis_.y1, "%.0f")
+            below = np.zeros(KEPT)
+            for place, k in enumerate(SHOWN):
+                top = np.ascontiguousarray(tops[:, place])
+                spec = implot.Spec()
+                spec.fill_color = ImVec4(*theme.STAGE_COLORS[k])
+                spec.fill_alpha = 0.9
+                implot.plot_shaded(f"##{k}", seconds, below, top, spec)
+                below = top
+            line = implot.Spec()
+            line.line_color, line.line_weight = ImVec4(*theme.ALERT), 1.2 * scale
+            ends = np.array([seconds[0], 0.0])
+            implot.plot_line("##budget", ends, np.full(2, BUDGET_MS), line)
+            implot.end_plot()
+    implot.pop_style_var()
+    implot.pop_style_color(5)
+
+
+def _view(state: State, fonts: theme.Fonts) -> None:
+    parts.heading("View", fonts, f"{state.hz:.0f} Hz, head in {state.draw_ms:.0f} ms")
+    scale = imgui.get_style().font_scale_dpi
+    paint = imgui.get_window_draw_list()
+    names = (*BACKGROUNDS, "custom")
+    gap = imgui.get_style().item_spacing.x
+    width = (imgui.get_content_region_avail().x - gap * (len(names) - 1)) / len(names)
+    for place, name in enumerate(names):
+        if place:
+            imgui.same_line()
+        corner, size = imgui.get_cursor_screen_pos(), ImVec2(width, 26 * scale)
+        if imgui.invisible_button(name, size):
+            state.background = name
+            if name == "custom":
+                imgui.open_popup("colour")
+        imgui.set_item_tooltip(name.capitalize())
+        end = ImVec2(corner.x + size.x, corner.y + size.y)
+        _swatch(state, name, corner, end)
+        if state.background == name:
+            paint.add_rect(corner, end, parts.rgba(theme.ACCENT), 6 * scale, 2 * scale)
+    if imgui.begin_popup("colour"):
+        _, color = imgui.color_picker3("##colour", list(state.custom))
+        state.custom = (color[0], color[1], color[2])
+        imgui.end_popup()
+    state.mirror = parts.switch("Mirror", state.mirror)
+    state.motion.smooth = parts.switch("Smooth motion", state.motion.smooth)
+
+
+def _swatch(state: State, name: str, corner: ImVec2, end: ImVec2) -> None:
+    paint, scale = imgui.get_window_draw_list(), imgui.get_style().font_scale_dpi
+    color = BACKGROUNDS.get(name, (*state.custom, 1.0))
+    radius, middle = 6 * scale, ImVec2((corner.x + end.x) / 2, (corner.y + end.y) / 2)
+    if name == "transparent":
+        paint.add_rect_filled(corner, end, parts.rgba((0.45, 0.45, 0.45, 1.0)), radius)
+        light = parts.rgba((0.7, 0.7, 0.7, 1.0))
+        paint.add_rect_filled(corner, middle, light, radius, imgui.ImDrawFlags_.round_top_left)
+        corners = imgui.ImDrawFlags_.round_bottom_right
+        paint.add_rect_filled(middle, end, light, radius, corners)
+    elif color == "studio":
+        paint.add_rect_filled(corner, end, parts.rgba((0.14, 0.15, 0.17, 1.0)), radius)
+        paint.add_circle_filled(middle, 7 * scale, parts.rgba((0.27, 0.29, 0.32, 1.0)), 24)
+    else:
+        paint.add_rect_filled(corner, end, parts.rgba(color), radius)
+    if name == "custom":
+        size = imgui.calc_text_size(icons.ICON_FA_DROPLET)
+        at = ImVec2(middle.x - size.x / 2, middle.y - size.y / 2)
+        paint.add_text(at, parts.rgba(theme.TEXT), icons.ICON_FA_DROPLET)

@@ -1,0 +1,103 @@
+"""WindowSink: the loop's end of the window.
+
+Why the window is a process and not a thread: an OpenGL call of moderngl holds Python's lock until
+it is done, and on software GL that is the whole draw (20 to 29 ms measured for one picture of
+512x512). A window in a thread of the loop would stop the tick with every picture; a process cannot,
+not even when it hangs or crashes. It also decodes and draws on the other core, at the display's own
+rate, with motion between the ticks. What crosses is a tick of 320 kB, in shared memory.
+"""
+
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import asdict
+
+import numpy as np
+
+from app.controls import Controls
+from app.sinks.sink import FrameResult, RunInfo
+from app.window.shared import SharedMemory, WindowInfo
+from sensors.types import NS, Clock, InputError
+
+START_S, END_S = 30, 3  # patience with a window that opens, or closes
+
+
+class WindowSink:
+    """Shows the driven head, and is the ControlPanel of the run."""
+
+    def __init__(
+        self,
+        info: WindowInfo,
+        clock: Clock,
+        stage_ms: Callable[[], list[float]],  # what the tick before cost, in the order of STAGES
+    ) -> None:
+        """Starts to open the window; `on_start` waits for it."""
+        self._info, self._clock, self._stage_ms = info, clock, stage_ms
+        self._memory = SharedMemory()
+        self._memory.clear()
+        self._memory.wishes["avatar"] = info.avatars.index(info.avatar)
+        descriptor = self._memory.descriptor
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "app.window", str(descriptor), json.dumps(asdict(info))],
+            pass_fds=[descriptor],
+            stdin=subprocess.DEVNULL,
+        )
+        self._crashed = False
+
+    def on_start(self, info: RunInfo) -> None:
+        wishes, start_ns = self._memory.wishes, self._clock.now_ns()
+        while not wishes["ready"]:
+            if self._process.poll() is not None:
+                raise InputError(bytes(wishes["error"]).decode() or "--window: it did not start")
+            if self._clock.now_ns() > start_ns + START_S * NS:
+                raise InputError(
+                    f"--window: expected a window within {START_S} s, got none; "
+                    "run: livedrive doctor"
+                )
+            self._clock.sleep_until_ns(self._clock.now_ns() + NS // 100)
+
+    def on_frame(self, result: FrameResult) -> None:
+        sensors, driven = result.sensors, result.driven
+        sound = np.nan_to_num(sensors.audio)
+        empty = sensors.eyes is None
+        self._memory.post(
+            index=driven.index,
+            t_ns=driven.t_ns,
+            posted_ns=self._clock.now_ns(),
+            expression=driven.expression,
+            gaze=driven.gaze,
+            level=(np.sqrt(np.mean(sound * sound)), np.abs(sound).max()),
+            audio_gap=sensors.audio_gap,
+            eyes_valid=sensors.eyes_valid,
+            eyes_age_ms=np.where(sensors.eyes_age_ns < 0, -1, sensors.eyes_age_ns / 1e6),
+            eyes=0 if empty else sensors.eyes,
+            stage_ms=self._stage_ms(),
+            dropped=result.dropped,
+        )
+
+    def read(self) -> Controls:
+        """The wishes of the person at the window. A crashed window wishes nothing new."""
+        wishes, info = self._memory.wishes, self._info
+        if not self._crashed and not wishes["closed"] and self._process.poll() is not None:
+            self._crashed = True
+            print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
+        emotion = int(wishes["emotion"])
+        return Controls(
+            avatar=info.avatars[int(wishes["avatar"])],
+            emotion=info.emotions[emotion] if emotion >= 0 else None,
+            muted=bool(wishes["muted"]),
+            recording=bool(wishes["recording"]),
+            recentred=int(wishes["recentred"]),
+            resets=int(wishes["resets"]),
+            closed=bool(wishes["closed"]),
+        )
+
+    def close(self) -> None:
+        self._memory.wishes["ending"] = True
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._memory.close()

@@ -1,0 +1,59 @@
+"""All that the window remembers, in one value that the panels read and change."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from app.window.history import History
+from app.window.motion import Motion
+from app.window.shared import WindowInfo
+from render.cameras import Orbit
+
+Rgb = tuple[float, float, float]
+BACKGROUNDS: dict[str, tuple[float, float, float, float] | Literal["studio"]] = {
+    "studio": "studio",
+    "grey": (0.16, 0.16, 0.16, 1.0),
+    "white": (0.94, 0.94, 0.94, 1.0),
+    "green": (0.0, 0.694, 0.251, 1.0),  # of broadcast chroma keys
+    "transparent": (0.0, 0.0, 0.0, 0.0),
+}
+TOAST_S = 4.0
+
+
+@dataclass
+class State:
+    info: WindowInfo
+    wishes: np.void  # app.window.shared.WISHES: what the loop reads
+    history: History = field(default_factory=History)
+    motion: Motion = field(default_factory=Motion)
+    orbit: Orbit = Orbit()
+    background: str = "studio"  # a name of BACKGROUNDS, or "custom"
+    custom: Rgb = (0.25, 0.28, 0.45)
+    mirror: bool = False
+    panels: bool = True
+    help: bool = False
+    toast: str = ""
+    toast_left_s: float = 0.0
+    still_s: float = 0.0  # since the mouse moved
+    recording_from: int = 0  # frame at which the recording began
+    draw_ms: float = 0.0  # decoding and drawing one picture of the head, lately
+    hz: float = 0.0  # pictures shown a second
+
+    @property
+    def avatar(self) -> str:
+        return self.info.avatars[int(self.wishes["avatar"])]
+
+    @property
+    def fill(self) -> tuple[float, float, float, float] | Literal["studio"]:
+        """What lies behind the head."""
+        return BACKGROUNDS.get(self.background, (*self.custom, 1.0))
+
+    def next_background(self) -> None:
+        names = [*BACKGROUNDS]
+        place = names.index(self.background) + 1 if self.background in names else 0
+        self.background = names[place % len(names)]
+
+    def say(self, text: str) -> None:
+        """A line that shows for a moment."""
+        self.toast, self.toast_left_s = text, TOAST_S

@@ -1,0 +1,185 @@
+"""What happens in the window, picture by picture.
+
+shared ticks -> Motion -> decode -> draw -> background, panels -> screen
+             -> History -> sidebar          wishes -> loop
+"""
+
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from imgui_bundle import imgui
+
+from app.window import actions, overlay, sidebar
+from app.window.eyes import EyeMarks
+from app.window.head import Code, HeadView
+from app.window.layout import Rect, arrange
+from app.window.screen import Screen
+from app.window.shared import SharedMemory, WindowInfo
+from app.window.state import State
+from render.cameras import Orbit
+from sensors.types import EYE_SIZE
+
+DEGREES_PER_PX, ZOOM_PER_STEP = 0.35, 1.1
+CHROME_S = 2.5  # with hidden panels the toolbar shows this long after the mouse has moved
+AHEAD = np.array([0, 0, 1], np.float32)
+REST: tuple[Code, Code] = np.zeros(256, np.float32), np.stack([AHEAD, AHEAD])
+
+
+class Window:
+    """Everything behind the screen."""
+
+    def __init__(self, screen: Screen, memory: SharedMemory, info: WindowInfo) -> None:
+        self._screen, self._memory = screen, memory
+        self.state = State(info, memory.wishes, background=info.background)
+        self.state.motion.smooth = info.smooth
+        self._head = HeadView(screen.context, info.avatar, info.size)
+        self._marks = EyeMarks(self._head.decoder, self._head.identity)
+        self._toolbar = actions.toolbar(info.can_record)
+        self._number = -1  # of the newest tick
+        gl = screen.context.gl
+        self._eyes = [gl.texture((EYE_SIZE, EYE_SIZE), 1) for _ in range(2)]
+        for texture in self._eyes:
+            texture.swizzle = "RRR1"
+        self._eye_textures: list[Any] = [imgui.ImTextureRef(t.glo) for t in self._eyes]
+
+    def run(self) -> None:
+        """Until the run ends, the window is closed, or the loop is gone."""
+        screen, wishes, parent = self._screen, self.state.wishes, os.getppid()
+        while not wishes["ending"] and os.getppid() == parent:
+            self._take_ticks()
+            self.picture()
+            wishes["frames"] += 1
+            wishes["ready"] = True
+            if screen.closing:
+                wishes["closed"] = True
+                break
+        screen.close()
+
+    def picture(self) -> None:
+        """One picture of the window."""
+        screen, state = self._screen, self.state
+        screen.begin()
+        for name in actions.pressed():
+            self.perform(name)
+        width, height = screen.size
+        layout = arrange(width, height, screen.scale, state.panels, len(self._toolbar))
+        self._hand(layout.view)
+        shown = self._draw_head(layout.view, (width, height))
+        if state.panels or state.still_s < CHROME_S:
+            overlay.title(state, screen.fonts, layout.title)
+            overlay.status(state, screen.fonts, layout.status)
+            for name in overlay.toolbar(state, screen.fonts, layout, self._toolbar):
+                self.perform(name)
+        overlay.toast(state, screen.fonts, layout.toast)
+        if layout.sidebar:
+            marks = [self._marks.of(eye, *shown) for eye in range(2)] if shown else None
+            sidebar.draw(state, screen.fonts, layout.sidebar, self._eye_textures, marks)
+        if state.help:
+            overlay.help_page(state, screen.fonts, layout.view)
+        screen.end()
+        state.hz = screen.hz
+
+    def perform(self, name: str) -> None:
+        """Do an action of app.window.actions."""
+        state, wishes = self.state, self.state.wishes
+        if name in ("mirror", "panels", "help"):
+            setattr(state, name, not getattr(state, name))
+        elif name == "mute":
+            wishes["muted"] = not wishes["muted"]
+        elif name == "record" and state.info.can_record:
+            wishes["recording"] = not wishes["recording"]
+            state.recording_from = state.history.frames
+        elif name == "recentre":
+            wishes["recentred"] += 1
+            state.say("Straight ahead is where you look now")
+        elif name == "restart":
+            wishes["resets"] += 1
+            state.say("The head starts anew")
+        elif name == "picture":
+            self._save_picture()
+        elif name == "background":
+            state.next_background()
+        elif name == "smooth":
+            state.motion.smooth = not state.motion.smooth
+            state.say("Smooth motion " + ("on" if state.motion.smooth else "off"))
+        elif name == "view":
+            state.orbit = Orbit()
+        elif name == "full_screen":
+            self._screen.toggle_full_screen()
+        elif name == "escape":
+            if self._screen.full_screen and not state.help:
+                self._screen.toggle_full_screen()
+            state.help = False
+
+    def _take_ticks(self) -> None:
+        state = self.state
+        ticks = self._memory.ticks_after(self._number)
+        for tick in ticks:
+            state.history.add(tick)
+            moments = int(tick["t_ns"]), int(tick["posted_ns"])
+            state.motion.push(*moments, tick["expression"], tick["gaze"])
+        if ticks:
+            self._number = int(ticks[-1]["number"])
+            state.wishes["shown"] = ticks[-1]["index"]
+            for texture, picture in zip(self._eyes, state.history.eyes, strict=True):
+                texture.write(picture)
+
+    def _draw_head(self, view: Rect, window: tuple[int, int]) -> tuple[Code, Code] | None:
+        """Returns the expression and gaze that were drawn."""
+        state, head = self.state, self._head
+        if state.avatar != head.identity.name:
+            head.choose(state.avatar)
+            self._marks = EyeMarks(head.decoder, head.identity)
+        began_ns = time.monotonic_ns()
+        shown = state.motion.at(began_ns) or REST
+        head.draw(*shown, state.orbit, view)
+        cost_ms = (time.monotonic_ns() - began_ns) / 1e6
+        state.draw_ms += (cost_ms - state.draw_ms) * (0.1 if state.draw_ms else 1.0)
+        head.show(view, window, state.fill, state.mirror)
+        return shown if self._number >= 0 else None
+
+    def _hand(self, view: Rect) -> None:
+        """Turn, move and zoom with the mouse, where no panel wants it."""
+        io, state, button = imgui.get_io(), self.state, imgui.MouseButton_
+        moved = io.mouse_delta.x != 0 or io.mouse_delta.y != 0
+        state.still_s = 0.0 if moved else state.still_s + io.delta_time
+        if io.want_capture_mouse or not imgui.is_mouse_pos_valid():
+            return
+        dx, dy = io.mouse_delta.x, io.mouse_delta.y
+        across = -1.0 if state.mirror else 1.0
+        if imgui.is_mouse_double_clicked(button.left):
+            state.orbit = Orbit()
+        elif imgui.is_mouse_dragging(button.left, 0.0):
+            yaw, pitch = -across * dx * DEGREES_PER_PX, dy * DEGREES_PER_PX
+            state.orbit = state.orbit.turned(yaw, pitch)
+        elif imgui.is_mouse_dragging(button.right, 0.0):
+            size = state.orbit.mm_per_px(int(view.width), int(view.height))
+            state.orbit = state.orbit.moved(across * dx * size, -dy * size)
+        if io.mouse_wheel:
+            state.orbit = state.orbit.zoomed(ZOOM_PER_STEP**io.mouse_wheel)
+
+    def _save_picture(self) -> None:
+        from PIL import Image
+
+        state = self.state
+        shown = state.motion.at(time.monotonic_ns()) or REST
+        picture = self._head.still(*shown, state.orbit)
+        if state.mirror:
+            picture = picture[:, ::-1]
+        path = free_name(Path.cwd(), f"livedrive-{state.avatar}")
+        try:
+            Image.fromarray(picture).save(path)
+            state.say(f"Saved {path.name} in {path.parent}")
+        except OSError as error:
+            state.say(f"No picture: {error.strerror or error}")
+
+
+def free_name(folder: Path, stem: str) -> Path:
+    """stem-001.png, or the first number after it that is not taken."""
+    number = 1
+    while (path := folder / f"{stem}-{number:03d}.png").exists():
+        number += 1
+    return path
