@@ -1,7 +1,7 @@
 """The readable splatter: float64 numpy, one Gaussian at a time; the oracle of the GL renderers.
 
 The picture model is that of 3D Gaussian splatting with the constants of gsplat: EWA projection
-with a low-pass filter of 0.3 px^2, alpha clamped to 0.999 and cut off below 1/64, Gaussians
+with a low-pass filter of 0.3 px^2, opacity clamped to 0.999 and alpha cut off below 1/64, Gaussians
 blended front to back in the order of their centres' depth.
 """
 
@@ -60,7 +60,7 @@ def jacobians(points: Array, camera: Camera) -> Array:
 
 def project(gaussians: Gaussians, camera: Camera) -> Splats:
     """EWA projection of all Gaussians, culled and sorted by depth."""
-    opacities = np.asarray(gaussians.opacities, np.float64)
+    opacities = np.minimum(np.asarray(gaussians.opacities, np.float64), MAX_ALPHA)
     view = np.asarray(camera.viewmat, np.float64)
     points = np.asarray(gaussians.means, np.float64) @ view[:3, :3].T + view[:3, 3]
     keep = np.flatnonzero((points[:, 2] >= camera.near_mm) & (opacities >= MIN_ALPHA))
@@ -92,7 +92,7 @@ def blend(splats: Splats, camera: Camera) -> tuple[Array, Array]:
         dy = (np.arange(y0, y1) + 0.5 - splats.xy[i, 1])[:, None]
         (a, b), (_, c) = conics[i]
         alpha = splats.opacities[i] * np.exp(-0.5 * (a * dx * dx + 2 * b * dx * dy + c * dy * dy))
-        alpha = np.where(alpha < MIN_ALPHA, 0.0, np.minimum(alpha, MAX_ALPHA))
+        alpha = np.where(alpha < MIN_ALPHA, 0.0, alpha)
         left = transmittance[y0:y1, x0:x1]
         colors[y0:y1, x0:x1] += (alpha * left)[..., None] * splats.colors[i]
         transmittance[y0:y1, x0:x1] = left * (1.0 - alpha)

@@ -24,7 +24,7 @@ class QuadRenderer:
             fragment_shader=(SHADERS / "quads.frag.glsl").read_text(),
         )
         self._quad = gl.vertex_array(self._program, [])
-        self._order = GrowingBuffer(gl)
+        self._splats = GrowingBuffer(gl)
         self._target = gl.framebuffer([gl.texture((1, 1), 4, dtype="f2")])
         self._picture = np.empty((1, 1, 4), np.uint8)
         self.name = f"quads on {context.renderer} ({context.backend})"
@@ -33,20 +33,18 @@ class QuadRenderer:
         """Draw one picture; its size is that of the camera."""
         self._context.activate()
         gl, size = self._context.gl, (camera.width, camera.height)
-        self._projector.run(gaussians, camera)
-        order = self._projector.depth_order()[::-1]
+        splats, _ = self._projector.run(gaussians, camera)
         self._resize(size)
         self._target.use()
         self._target.clear(*camera.background, 0.0)
-        if len(order) == 0:
+        if len(splats) == 0:
             return
         gl.enable_only(gl.BLEND)
         gl.blend_func = gl.ONE, gl.ONE_MINUS_SRC_ALPHA
-        self._order.write(np.ascontiguousarray(order))
-        self._projector.splats.bind(0)
-        self._order.bind(1)
+        self._splats.write(np.ascontiguousarray(splats[::-1]))
+        self._splats.bind(0)
         self._program["size"] = size
-        self._quad.render(gl.TRIANGLE_STRIP, vertices=4, instances=len(order))
+        self._quad.render(gl.TRIANGLE_STRIP, vertices=4, instances=len(splats))
 
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""

@@ -20,6 +20,7 @@ SHADERS = Path(__file__).parent / "shaders"
 TILE_PX = 8
 FIELDS = ("means", "quats", "scales", "opacities", "colors")  # bindings 0..4 of pass A
 HIDDEN = np.float32(3.0e38)  # depth of an invisible splat, as in the shader
+LOW_16, SHIFT_16 = np.uint32(0xFFFF), np.uint32(16)
 
 U32 = NDArray[np.uint32]
 
@@ -48,31 +49,34 @@ class GrowingBuffer:
 
 
 class Projector:
-    """Pass A: uploads Gaussians and leaves splats on the device, depths and tiles in numpy."""
+    """Pass A: Gaussians in, packed splats in numpy out, nearest first, invisible ones gone."""
 
     def __init__(self, gl: "moderngl.Context") -> None:
         self._gl = gl
         self._program = gl.compute_shader((SHADERS / "project.comp.glsl").read_text())
         self._inputs = [GrowingBuffer(gl) for _ in FIELDS]
-        self._depth_buffer, self._rect_buffer = GrowingBuffer(gl), GrowingBuffer(gl)
-        self.splats = GrowingBuffer(gl)  # 32 bytes a Gaussian, layout in the shader
-        self.depths = np.empty(0, np.float32)  # [N] mm, HIDDEN for invisible ones
-        self.rects = np.empty((0, 4), np.uint16)  # [N, 4] tiles: x0 y0 x1 y1, ends excluded
+        self._outputs = [GrowingBuffer(gl) for _ in range(3)]
+        self._splats = np.empty((0, 4), np.uint32)  # layout in the shader
+        self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN for invisible ones
+        self._rects = np.empty((0, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
 
-    def run(self, gaussians: Gaussians, camera: Camera) -> None:
+    def run(self, gaussians: Gaussians, camera: Camera) -> tuple[U32, U32]:
+        """Project and sort: splats [M, 4] and their tiles [M, 2], nearest first."""
         gaussians.check()
         n = len(gaussians)
-        if n != len(self.depths):
-            self.depths, self.rects = np.empty(n, np.float32), np.empty((n, 4), np.uint16)
+        if n != len(self._depths):
+            self._depths = np.empty(n, np.float32)
+            self._splats, self._rects = np.empty((n, 4), np.uint32), np.empty((n, 2), np.uint32)
         if n == 0:
-            return
+            return self._splats, self._rects
         for binding, (name, buffer) in enumerate(zip(FIELDS, self._inputs, strict=True)):
             buffer.write(np.ascontiguousarray(getattr(gaussians, name), np.float32))
             buffer.bind(binding)
-        for binding, (buffer, row) in enumerate(
-            ((self.splats, 32), (self._depth_buffer, 4), (self._rect_buffer, 8)), len(FIELDS)
+        results = (self._splats, self._depths, self._rects)
+        for binding, (buffer, result) in enumerate(
+            zip(self._outputs, results, strict=True), len(FIELDS)
         ):
-            buffer.reserve(n * row)
+            buffer.reserve(result.nbytes)
             buffer.bind(binding)
         K, program = camera.K, self._program
         program["num_gaussians"] = n
@@ -83,38 +87,43 @@ class Projector:
         program["near_mm"] = camera.near_mm
         program.run((n + 63) // 64)
         self._gl.memory_barrier()
-        self._depth_buffer.read(self.depths)
-        self._rect_buffer.read(self.rects)
-
-    def depth_order(self) -> U32:
-        """Indices [M] of the visible splats, nearest first; equal depths in index order."""
-        # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
-        keys = self.depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
-        keys |= np.arange(len(keys), dtype=np.uint64)
-        keys = np.sort(keys[self.depths < HIDDEN])
-        return keys.astype(np.uint32)
+        for buffer, result in zip(self._outputs, results, strict=True):
+            buffer.read(result)
+        order = depth_order(self._depths)
+        return self._splats.take(order, 0), self._rects.take(order, 0)
 
 
-def sort_by_tile(order: U32, rects: NDArray[np.uint16], size: tuple[int, int]) -> tuple[U32, U32]:
+def depth_order(depths: NDArray[np.float32]) -> U32:
+    """Indices [M] of the visible splats, nearest first; equal depths in index order."""
+    # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
+    keys = depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(keys), dtype=np.uint64)
+    keys = np.sort(keys[depths < HIDDEN])
+    return keys.astype(np.uint32)
+
+
+def sort_by_tile(rects: U32, size: tuple[int, int]) -> tuple[U32, U32, int]:
     """All (tile, splat) pairs, by tile and then by depth.
 
-    order [M]: splats, nearest first; rects [N, 4]: tiles of all splats; size: tiles across, down.
-    Returns splats [P] and starts [tiles + 1]: tile i has splats[starts[i]:starts[i + 1]].
+    rects [M, 2]: tiles of the splats, nearest first; size: tiles across, down. Returns pairs [P],
+    starts [tiles + 1] and a mask: tile i has the splats pairs[starts[i]:starts[i + 1]] & mask.
     """
-    num_tiles, rects = size[0] * size[1], rects[order]
+    num_tiles = size[0] * size[1]
     bits = max(1, int(len(rects) - 1).bit_length())
     dtype = np.uint32 if bits + (num_tiles - 1).bit_length() <= 32 else np.int64
-    x0, y0, x1, y1 = rects.T.astype(dtype)
+    low, high = rects[:, 0], rects[:, 1]
+    x0, y0 = (low & LOW_16).astype(dtype), (low >> SHIFT_16).astype(dtype)
+    width = (high & LOW_16).astype(dtype) - x0
+    height = (high >> SHIFT_16).astype(dtype) - y0
     # A key is tile << bits | rank in depth; its arithmetic may wrap below zero and back.
     step_x, step_y = dtype(1 << bits), dtype(size[0] << bits)
-    width, height = x1 - x0, y1 - y0
     keys = y0 * step_y + x0 * step_x + np.arange(len(rects), dtype=dtype)
     keys = _expand(keys, height, step_y)  # one key a row of tiles
     keys = _expand(keys, np.repeat(width, height), step_x)  # one key a tile
     keys.sort()
     starts = np.searchsorted(keys, np.arange(num_tiles, dtype=dtype) * step_x)
     starts = np.append(starts, len(keys)).astype(np.uint32)
-    return order[keys & (step_x - dtype(1))], starts
+    return keys.astype(np.uint32, copy=False), starts, (1 << bits) - 1
 
 
 def _expand(keys: NDArray, counts: NDArray, step: np.generic) -> NDArray:
@@ -133,26 +142,30 @@ class TileRenderer:
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.compute_shader((SHADERS / "tiles.comp.glsl").read_text())
-        self._pairs, self._starts, self._pixels = (GrowingBuffer(gl) for _ in range(3))
+        self._splats, self._pairs, self._starts, self._pixels = (
+            GrowingBuffer(gl) for _ in range(4)
+        )
         self._picture = np.empty((0, 0, 4), np.uint8)
         self.name = f"tiles on {context.renderer} ({context.backend})"
 
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
         self._context.activate()
-        self._projector.run(gaussians, camera)
-        order = self._projector.depth_order()
+        splats, rects = self._projector.run(gaussians, camera)
         tiles = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
-        pairs, starts = sort_by_tile(order, self._projector.rects, tiles)
+        pairs, starts, rank_mask = sort_by_tile(rects, tiles)
+        self._splats.write(splats)
+        self._pairs.reserve(pairs.nbytes + 16)  # the shader reads four at a time
         self._pairs.write(pairs)
         self._starts.write(starts)
         if self._picture.shape[:2] != (camera.height, camera.width):
             self._picture = np.empty((camera.height, camera.width, 4), np.uint8)
         self._pixels.reserve(self._picture.nbytes)
-        buffers = (self._projector.splats, self._pairs, self._starts, self._pixels)
+        buffers = (self._splats, self._pairs, self._starts, self._pixels)
         for binding, buffer in enumerate(buffers):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
+        self._program["rank_mask"] = rank_mask
         self._program["background"] = camera.background
         self._program.run(*tiles)
         self._context.gl.memory_barrier()

@@ -5,11 +5,10 @@ flat in vec4 color;
 out vec4 premultiplied;
 
 const float CUTOFF = -6.0;  // log2 of the faintest alpha that is drawn, 1/64
-const float MAX_ALPHA = 0.999;
 
 void main() {
     float power = color.a - dot(uv, uv);
     if (power < CUTOFF) discard;
-    float alpha = min(exp2(power), MAX_ALPHA);
+    float alpha = exp2(power);
     premultiplied = vec4(color.rgb * alpha, alpha);
 }

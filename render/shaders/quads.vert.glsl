@@ -1,7 +1,6 @@
 // One splat an instance: the parallelogram |u| <= R, |v| <= R around the ellipse u^2 + v^2 <= R^2.
 #version 430
-layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };  // from project.comp.glsl
-layout(std430, binding = 1) readonly buffer Order { uint order[]; };     // farthest first
+layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };  // farthest first
 
 uniform vec2 size;  // px
 
@@ -11,15 +10,19 @@ out vec2 uv;
 flat out vec4 color;  // rgb, log2 of the opacity
 
 void main() {
-    uint id = 2u * order[gl_InstanceID];
-    vec4 a = uintBitsToFloat(splats[id]);
-    uvec4 b = splats[id + 1u];
-    float r = uintBitsToFloat(b.x), log2_opacity = uintBitsToFloat(b.y);
-    float radius = sqrt(max(log2_opacity + FAINTEST, 0.0));
+    uvec4 splat = splats[gl_InstanceID];
+    vec2 pq = unpackHalf2x16(splat.x);
+    float r = unpackHalf2x16(splat.y).x;
+    float log2_opacity = float(splat.y >> 16 & 1023u) * (-FAINTEST / 1023.0);
+    vec2 mean = vec2(splat.zw >> 12) * (1.0 / 128.0) - 2048.0;
+    vec3 rgb = vec3(
+        splat.z >> 2 & 1023u, splat.w >> 2 & 1023u,
+        splat.y >> 26 << 4 | (splat.z & 3u) << 2 | (splat.w & 3u));
+    float radius = sqrt(log2_opacity + FAINTEST);
     uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
     float dy = uv.y / r;
-    float dx = (uv.x - a.w * dy) / a.z;
-    color = vec4(unpackUnorm2x16(b.z), unpackUnorm2x16(b.w).x, log2_opacity);
+    float dx = (uv.x - pq.y * dy) / pq.x;
+    color = vec4(rgb / 1023.0, log2_opacity);
     // y is not flipped: row 0 of the framebuffer is the top of the picture.
-    gl_Position = vec4((a.xy + vec2(dx, dy)) / size * 2.0 - 1.0, 0.0, 1.0);
+    gl_Position = vec4((mean + vec2(dx, dy)) / size * 2.0 - 1.0, 0.0, 1.0);
 }
