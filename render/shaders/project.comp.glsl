@@ -24,6 +24,12 @@ const float MAX_ALPHA = 0.999;
 const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
 const float HALF_LOG2_E = 0.72134752;
 
+// The bits of a positive float from `least` (a biased exponent) on, 11 of its mantissa, rounded.
+uint shorten(float x, uint least, uint most) {
+    uint bits = max(floatBitsToUint(x) + 0x800u, least << 23) - (least << 23);
+    return min(bits >> 12, most);
+}
+
 mat3 rotation(vec4 wxyz) {
     vec4 q = wxyz / length(wxyz);
     float w = q.x, x = q.y, y = q.z, z = q.w;
@@ -72,14 +78,14 @@ void main() {
 
     depths[i] = visible ? point.z : HIDDEN;
     rects[i] = uvec2(uint(low.x) | uint(low.y) << 16, uint(high.x) | uint(high.y) << 16);
-    // 16 bytes a splat, because loads are what blending on a CPU waits for: p q r as halves, the
-    // position in 1/128 px from -2048, colours and -log2 opacity in 10 bits.
+    // 16 bytes a splat, because blending on a CPU waits for loads: p q r in 16
+    // bits each, position in 1/128 px from -2048, colours and -log2 opacity in 10 bits.
     uvec2 at = uvec2(clamp(round((xy + 2048.0) * 128.0), 0.0, 1048575.0));
     uvec3 rgb = uvec3(round(clamp(color, 0.0, 1.0) * 1023.0));
     uint faint = uint(round(clamp(-log2_opacity / FAINTEST, 0.0, 1.0) * 1023.0));
     splats[i] = uvec4(
-        packHalf2x16(vec2(p, q)),
-        packHalf2x16(vec2(r, 0.0)) | faint << 16 | (rgb.b >> 4) << 26,
+        shorten(p, 97u, 0xffffu) | (shorten(abs(q), 114u, 0x7fffu) | (q < 0.0 ? 0x8000u : 0u)) << 16,
+        shorten(r, 97u, 0xffffu) | faint << 16 | (rgb.b >> 4) << 26,
         at.x << 12 | rgb.r << 2 | (rgb.b >> 2 & 3u),
         at.y << 12 | rgb.g << 2 | (rgb.b & 3u));
 }

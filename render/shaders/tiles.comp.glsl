@@ -17,6 +17,15 @@ const float FAINTEST = 6.0;
 const float CUTOFF = 1.0 / 64.0;  // the faintest alpha that is drawn
 const float OPAQUE = 1.0 / 128.0;  // a column this opaque hides the rest
 
+// p, r: 5 bits of exponent from 2^-30, 11 of mantissa; q: sign, 4 from 2^-13, 11. No half floats:
+// software drivers take a dozen instructions to widen one.
+vec3 unpack_axes(uvec2 word) {
+    return vec3(
+        uintBitsToFloat(((word.x & 0xffffu) << 12) + (97u << 23)),
+        uintBitsToFloat((word.x >> 16 << 12 & 0x7ffffffu) + (114u << 23) | word.x & 0x80000000u),
+        uintBitsToFloat(((word.y & 0xffffu) << 12) + (97u << 23)));
+}
+
 vec2 top;     // centre of the lane's first pixel
 vec4 acc[8];  // colour in 0..1023, transmittance
 
@@ -28,8 +37,8 @@ void add(int row, float alpha, vec3 color) {
 
 void blend(uint pair, bool inside) {
     uvec4 splat = splats[pair & rank_mask];
-    vec2 pq = unpackHalf2x16(splat.x);
-    float p = pq.x, q = pq.y, r = unpackHalf2x16(splat.y).x;
+    vec3 pqr = unpack_axes(splat.xy);
+    float p = pqr.x, q = pqr.y, r = pqr.z;
     float log2_opacity = inside ? float(splat.y >> 16 & 1023u) * (-FAINTEST / 1023.0) : -1.0e3;
     vec2 mean = vec2(splat.zw >> 12) * (1.0 / 128.0) - 2048.0;
     vec3 color = vec3(
@@ -67,6 +76,7 @@ void main() {
     for (int row = 0; row < 8; row++) acc[row] = vec4(0.0, 0.0, 0.0, 1.0);
 
     uint start = starts[tile], end = starts[tile + 1u], count = end - start;
+    bool hidden = false;
     for (uint i = start & ~3u; i < end; i += 4u) {
         uvec4 four = pairs[i >> 2];
         // Unsigned, so that pairs of the tile before are outside too.
@@ -76,17 +86,17 @@ void main() {
         blend(four.w, i + 3u - start < count);
         float left = 0.0;
         for (int row = 0; row < 8; row++) left = max(left, acc[row].w);
-        if (left < OPAQUE) {
-            // What lies behind looks like what lies before it, and not like the background.
-            for (int row = 0; row < 8; row++) acc[row] = vec4(acc[row].rgb / (1.0 - acc[row].w), 0.0);
-            break;
-        }
+        hidden = left < OPAQUE;
+        if (hidden) break;
     }
     for (uint row = 0u; row < 8u; row++) {
         uvec2 pixel = corner + uvec2(gl_LocalInvocationID.x, row);
         if (pixel.x < size.x && pixel.y < size.y) {
-            vec3 rgb = acc[row].rgb / 1023.0 + acc[row].w * background;
-            pixels[pixel.y * size.x + pixel.x] = packUnorm4x8(vec4(rgb, 1.0 - acc[row].w));
+            // What lies behind a hidden rest looks like what lies before it, not like the background.
+            float left = hidden ? 0.0 : acc[row].w;
+            float scale = (1.0 - left) / max(1.0 - acc[row].w, 1.0e-6) / 1023.0;
+            vec3 rgb = acc[row].rgb * scale + left * background;
+            pixels[pixel.y * size.x + pixel.x] = packUnorm4x8(vec4(rgb, 1.0 - left));
         }
     }
 }
