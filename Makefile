@@ -4,7 +4,8 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
-APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng
+APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
+    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0
 
 .PHONY: setup system demo check bench help
 help:  ## this list
@@ -21,7 +22,10 @@ $(VENV)/installed: requirements.lock pyproject.toml
 system:
 	@if ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libOSMesa.so && \
 	    ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1 && command -v Xvfb >/dev/null && \
-	    command -v flite >/dev/null && command -v espeak-ng >/dev/null; then exit 0; fi; \
+	    command -v flite >/dev/null && command -v espeak-ng >/dev/null && \
+	    command -v pulseaudio >/dev/null && command -v pacat >/dev/null && \
+	    ls /usr/lib/*/alsa-lib/libasound_module_pcm_pulse.so >/dev/null 2>&1 && \
+	    ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    apt-get update -qq && apt-get install -y -qq --no-install-recommends $(APT_PACKAGES) >/dev/null; \
 	else \

@@ -1,0 +1,85 @@
+"""LiveSource: microphone and eye cameras as one Source, under the rules of DESIGN 3.
+
+Flow: Microphone, EyeCameras -> LiveSource.poll -> (RecordingSource ->) Assembler -> SensorFrame.
+The sample count is the master clock; without a microphone the monotonic clock feeds silence that is
+marked as a gap. Nothing here waits: a lost sensor costs its own data and no frame.
+"""
+
+from collections.abc import Sequence
+
+from sensors.audio_timeline import AudioTimeline
+from sensors.eyes.camera import EyeCamera
+from sensors.microphone import Microphone
+from sensors.types import SAMPLE_RATE, AudioPacket, Clock, Packet, SourceInfo
+
+
+class LiveSource:
+    """Sound first to last without a break, and the newest picture of each eye."""
+
+    def __init__(
+        self,
+        microphone: Microphone | None,
+        cameras: Sequence[EyeCamera],
+        clock: Clock,
+        *,
+        seconds: float | None = None,  # end by itself after so much sound
+    ) -> None:
+        self.microphone, self.cameras = microphone, tuple(cameras)
+        self._clock = clock
+        self._max_samples = None if seconds is None else int(seconds * SAMPLE_RATE)
+        self._timeline: AudioTimeline | None = None
+
+    @property
+    def info(self) -> SourceInfo:
+        devices = dict(self.microphone.info.devices) if self.microphone else {}
+        for camera in self.cameras:
+            devices |= camera.devices
+        eyes = tuple(sorted(eye for camera in self.cameras for eye in camera.views.eyes))
+        return SourceInfo("live", audio=True, eyes=eyes, devices=devices)
+
+    @property
+    def exhausted(self) -> bool:
+        if self._timeline is None or self._max_samples is None:
+            return False
+        return self._timeline.position >= self._max_samples
+
+    @property
+    def dropped(self) -> int:
+        """Samples that the microphone lost and pictures that no frame could use."""
+        lost = self.microphone.dropped if self.microphone else 0
+        return lost + sum(camera.dropped for camera in self.cameras)
+
+    @property
+    def silence_samples(self) -> int:
+        """Samples that the clock fed in place of sound."""
+        return self._timeline.silence if self._timeline else 0
+
+    def open(self) -> None:
+        if self.microphone:
+            self.microphone.open()
+        for camera in self.cameras:
+            camera.open()
+        self._timeline = AudioTimeline(self._clock.now_ns())
+
+    def poll(self) -> list[Packet]:
+        if self._timeline is None:
+            raise RuntimeError("poll before open")
+        if self.exhausted:
+            return []
+        packets: list[Packet] = []
+        for camera in self.cameras:
+            packets += camera.poll()
+        for packet in self.microphone.poll() if self.microphone else ():
+            assert isinstance(packet, AudioPacket)
+            packets += self._timeline.push(packet)
+        packets += self._timeline.fill(self._clock.now_ns())
+        return packets
+
+    def close(self) -> None:
+        if self._timeline is None:
+            return
+        self._timeline = None
+        for camera in self.cameras:
+            camera.close()
+        if self.microphone:
+            self.microphone.close()

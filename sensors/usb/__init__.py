@@ -1,0 +1,1 @@
+"""USB cameras without a driver: UVC over bulk transfers and vendor commands, through pyusb."""
