@@ -20,6 +20,17 @@ FRUSTUM_MARGIN = 0.3  # the Jacobian is taken no further outside the picture tha
 Array = NDArray[np.float64]
 
 
+def sound(gaussians: Gaussians) -> NDArray[np.bool_]:
+    """[N]: whether a picture can show them: finite, with a size and a rotation, not transparent."""
+    rows = ("means", "quats", "scales", "opacities", "colors")
+    arrays = [np.asarray(getattr(gaussians, name), np.float64) for name in rows]
+    finite = [np.isfinite(a).reshape(len(a), -1).all(axis=1) for a in arrays]
+    scales, quats = arrays[2], arrays[1]
+    has_size = (scales >= 0.0).all(axis=1) & (scales > 0.0).any(axis=1)
+    visible = has_size & (quats != 0.0).any(axis=1) & (arrays[3] >= MIN_ALPHA)
+    return np.logical_and.reduce([*finite, visible])
+
+
 @dataclass(frozen=True)
 class Splats:
     """Gaussians projected to the screen, nearest first; invisible ones are already gone."""
@@ -60,12 +71,13 @@ def jacobians(points: Array, camera: Camera) -> Array:
 
 def project(gaussians: Gaussians, camera: Camera) -> Splats:
     """EWA projection of all Gaussians, culled and sorted by depth."""
-    opacities = np.minimum(np.asarray(gaussians.opacities, np.float64), MAX_ALPHA)
     view = np.asarray(camera.viewmat, np.float64)
-    points = np.asarray(gaussians.means, np.float64) @ view[:3, :3].T + view[:3, 3]
-    keep = np.flatnonzero((points[:, 2] >= camera.near_mm) & (opacities >= MIN_ALPHA))
-    order = keep[np.argsort(points[keep, 2], kind="stable")]
-    points, opacities = points[order], opacities[order]
+    whole = np.flatnonzero(sound(gaussians))
+    points = np.asarray(gaussians.means[whole], np.float64) @ view[:3, :3].T + view[:3, 3]
+    keep = np.flatnonzero(points[:, 2] >= camera.near_mm)
+    keep = keep[np.argsort(points[keep, 2], kind="stable")]
+    points, order = points[keep], whole[keep]
+    opacities = np.minimum(np.asarray(gaussians.opacities[order], np.float64), MAX_ALPHA)
     axes = rotation_matrices(np.asarray(gaussians.quats[order], np.float64))
     axes = axes * np.asarray(gaussians.scales[order], np.float64)[:, None, :]
     on_screen = jacobians(points, camera) @ view[:3, :3] @ axes  # [M, 2, 3]
@@ -106,12 +118,14 @@ class ReferenceRenderer:
     name = "reference on numpy float64"
 
     def __init__(self) -> None:
+        self.dropped = 0  # Gaussians of the last draw that are NaN, without size or transparent
         self._colors: Array = np.zeros((1, 1, 3))
         self._coverage: Array = np.zeros((1, 1))
 
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
         gaussians.check()
+        self.dropped = int(np.count_nonzero(~sound(gaussians)))
         self._colors, self._coverage = blend(project(gaussians, camera), camera)
 
     def read_float(self) -> Array:

@@ -46,6 +46,11 @@ class QuadRenderer:
         self._program["size"] = size
         self._quad.render(gl.TRIANGLE_STRIP, vertices=4, instances=len(splats))
 
+    @property
+    def dropped(self) -> int:
+        """Gaussians of the last draw that are NaN, infinite, without size or transparent."""
+        return self._projector.dropped
+
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""
         self._context.activate()

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
+from render.errors import InputError
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 SHADERS = Path(__file__).parent / "shaders"
 TILE_PX = 8
 FIELDS = ("means", "quats", "scales", "opacities", "colors")  # bindings 0..4 of pass A
-HIDDEN = np.float32(3.0e38)  # depth of an invisible splat, as in the shader
+HIDDEN, BROKEN = (
+    np.float32(3.0e38),
+    np.float32(3.2e38),
+)  # depths of undrawn splats, as in the shader
+MAX_PAIRS = 1 << 25  # (splat, tile) pairs of a picture; 128 MiB
 LOW_16, SHIFT_16 = np.uint32(0xFFFF), np.uint32(16)
 
 U32 = NDArray[np.uint32]
@@ -29,13 +34,20 @@ class GrowingBuffer:
     """A storage buffer that is allocated anew only when it must grow."""
 
     def __init__(self, gl: "moderngl.Context") -> None:
-        self._gl = gl
+        self._gl, self._limit = gl, int(gl.info["GL_MAX_SHADER_STORAGE_BLOCK_SIZE"])
         self.buffer = gl.buffer(reserve=1024, dynamic=True)
 
     def reserve(self, num_bytes: int) -> None:
         if num_bytes > self.buffer.size:
+            if num_bytes > self._limit:
+                raise InputError(
+                    f"GL buffer: expected at most {self._limit} bytes, got {num_bytes}; "
+                    "draw fewer Gaussians or a smaller picture"
+                )
             self.buffer.release()
-            self.buffer = self._gl.buffer(reserve=num_bytes * 5 // 4, dynamic=True)
+            self.buffer = self._gl.buffer(
+                reserve=min(num_bytes * 5 // 4, self._limit), dynamic=True
+            )
 
     def write(self, array: NDArray) -> None:
         self.reserve(array.nbytes)
@@ -56,8 +68,9 @@ class Projector:
         self._program = gl.compute_shader((SHADERS / "project.comp.glsl").read_text())
         self._inputs = [GrowingBuffer(gl) for _ in FIELDS]
         self._outputs = [GrowingBuffer(gl) for _ in range(3)]
+        self.dropped = 0  # Gaussians of the last run that no picture can show
         self._splats = np.empty((0, 4), np.uint32)  # layout in the shader
-        self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN for invisible ones
+        self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
         self._rects = np.empty((0, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
 
     def run(self, gaussians: Gaussians, camera: Camera) -> tuple[U32, U32]:
@@ -89,6 +102,7 @@ class Projector:
         self._gl.memory_barrier()
         for buffer, result in zip(self._outputs, results, strict=True):
             buffer.read(result)
+        self.dropped = int(np.count_nonzero(self._depths == BROKEN))
         order = depth_order(self._depths)
         return self._splats.take(order, 0), self._rects.take(order, 0)
 
@@ -117,6 +131,12 @@ def sort_by_tile(rects: U32, size: tuple[int, int]) -> tuple[U32, U32, int]:
     height = (high >> SHIFT_16).astype(dtype) - y0
     # A key is tile << bits | rank in depth; its arithmetic may wrap below zero and back.
     step_x, step_y = dtype(1 << bits), dtype(size[0] << bits)
+    total = int(np.dot(width.astype(np.int64), height.astype(np.int64)))
+    if total > MAX_PAIRS:
+        raise InputError(
+            f"splats: expected at most {MAX_PAIRS} (splat, tile) pairs, got {total}; "
+            "draw fewer or smaller Gaussians, or move the camera away"
+        )
     keys = y0 * step_y + x0 * step_x + np.arange(len(rects), dtype=dtype)
     keys = _expand(keys, height, step_y)  # one key a row of tiles
     keys = _expand(keys, np.repeat(width, height), step_x)  # one key a tile
@@ -169,6 +189,11 @@ class TileRenderer:
         self._program["background"] = camera.background
         self._program.run(*tiles)
         self._context.gl.memory_barrier()
+
+    @property
+    def dropped(self) -> int:
+        """Gaussians of the last draw that are NaN, infinite, without size or transparent."""
+        return self._projector.dropped
 
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""

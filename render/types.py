@@ -72,6 +72,11 @@ class Renderer(Protocol):
 
     name: str  # what draws, for reports, e.g. "tiles on llvmpipe (...)"
 
+    @property
+    def dropped(self) -> int:
+        """Gaussians of the last draw that are NaN, infinite, without size or transparent."""
+        ...
+
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
         ...

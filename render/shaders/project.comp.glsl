@@ -8,7 +8,7 @@ layout(std430, binding = 2) readonly buffer Scales { float scales[]; };
 layout(std430, binding = 3) readonly buffer Opacities { float opacities[]; };
 layout(std430, binding = 4) readonly buffer Colors { float colors[]; };
 layout(std430, binding = 5) writeonly buffer Splats { uvec4 splats[]; };  // packed, see below
-layout(std430, binding = 6) writeonly buffer Depths { float depths[]; };  // mm; HIDDEN if invisible
+layout(std430, binding = 6) writeonly buffer Depths { float depths[]; };  // mm, HIDDEN or BROKEN
 layout(std430, binding = 7) writeonly buffer Rects { uvec2 rects[]; };    // tiles: x0|y0, x1|y1
 
 uniform int num_gaussians;
@@ -18,7 +18,8 @@ uniform vec2 size;     // px
 uniform vec2 tile;     // px
 uniform float near_mm;
 
-const float HIDDEN = 3.0e38;
+const float HIDDEN = 3.0e38;  // depth of a splat outside the picture
+const float BROKEN = 3.2e38;  // and of one that no picture can show
 const float LOW_PASS = 0.3;
 const float MAX_ALPHA = 0.999;
 const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
@@ -48,8 +49,13 @@ void main() {
     vec3 color = vec3(colors[3u * i], colors[3u * i + 1u], colors[3u * i + 2u]);
     float opacity = opacities[i];
 
+    // False for NaN: comparisons with it fail.
+    bool sound = length(mean) < 1.0e18 && length(quat) > 1.0e-18 && length(quat) < 1.0e18
+        && all(greaterThanEqual(scale, vec3(0.0))) && length(scale) > 0.0 && length(scale) < 1.0e9
+        && opacity >= exp2(-FAINTEST) && opacity < 1.0e18 && length(color) < 1.0e18;
+
     vec3 point = (view * vec4(mean, 1.0)).xyz;
-    bool visible = point.z >= near_mm && opacity >= exp2(-FAINTEST);
+    bool visible = sound && point.z >= near_mm;
     float inverse_z = 1.0 / (visible ? point.z : 1.0);
     vec2 slope = point.xy * inverse_z;
     vec2 xy = slope * lens.xy + lens.zw;
@@ -76,7 +82,7 @@ void main() {
     vec2 high = clamp(ceil((xy + half_size) / tile), vec2(0.0), ceil(size / tile));
     visible = visible && all(greaterThan(high, low));  // false for NaN
 
-    depths[i] = visible ? point.z : HIDDEN;
+    depths[i] = visible ? point.z : sound ? HIDDEN : BROKEN;
     rects[i] = uvec2(uint(low.x) | uint(low.y) << 16, uint(high.x) | uint(high.y) << 16);
     // 16 bytes a splat, because blending on a CPU waits for loads: p q r in 16
     // bits each, position in 1/128 px from -2048, colours and -log2 opacity in 10 bits.

@@ -11,6 +11,7 @@ import pytest
 from scenes import head_scene, join, psnr_db, single, take
 
 from render.cameras import portrait
+from render.errors import InputError
 from render.reference import ReferenceRenderer
 from render.renderer import create_renderer
 from render.types import Gaussians
@@ -130,6 +131,45 @@ def test_nan_gaussians_do_not_spread(gl_renderer):
     assert (
         draw(gl_renderer, join(scene, poison), camera) == draw(gl_renderer, scene, camera)
     ).all()
+
+
+def test_broken_gaussians_are_dropped_and_counted(gl_renderer):
+    """NaN, infinite, without size, without rotation, transparent: as many in the reference."""
+    scene, camera = head_scene(500), portrait(64, 64)
+    good = single((0.0, 0.0, 0.0), 5.0, 1.0, (1.0, 0.0, 0.0))
+    broken = [
+        replace(good, colors=np.array([[np.nan, 0.0, 0.0]], np.float32)),
+        replace(good, means=np.array([[0.0, np.inf, 0.0]], np.float32)),
+        replace(good, scales=np.zeros((1, 3), np.float32)),
+        replace(good, quats=np.zeros((1, 4), np.float32)),
+        replace(good, opacities=np.array([0.001], np.float32)),
+        replace(good, opacities=np.array([np.nan], np.float32)),
+    ]
+    clean = draw(gl_renderer, scene, camera)
+    assert gl_renderer.dropped == 0
+    assert (draw(gl_renderer, join(scene, *broken), camera) == clean).all()
+    reference = ReferenceRenderer()
+    reference.draw(join(scene, *broken), camera)
+    assert gl_renderer.dropped == reference.dropped == len(broken)
+
+
+def test_too_many_pairs_are_refused_before_memory_is_taken(tiles):
+    scene = head_scene(3000)
+    scene = replace(scene, scales=np.full_like(scene.scales, 900.0))
+    with pytest.raises(InputError, match=r"at most 33554432 \(splat, tile\) pairs, got"):
+        draw(tiles, scene, portrait(1024, 1024))
+    check(tiles, head_scene(500), portrait(64, 64))
+
+
+def test_two_renderers_in_one_process(tiles):
+    other = create_renderer("egl", "tiles")
+    scene, camera = head_scene(800), portrait(96, 96)
+    first = draw(tiles, scene, camera)
+    assert (draw(other, head_scene(300, seed=2), portrait(40, 40)) >= 0).all()
+    assert (draw(tiles, scene, camera) == first).all()
+    assert (draw(other, scene, camera) == first).all()
+    other.close()
+    assert (draw(tiles, scene, camera) == first).all()
 
 
 def test_resize_up_and_down(gl_renderer):
