@@ -9,7 +9,7 @@ draw. Live and replay differ only in the source and the clock that are passed in
 """
 
 import gc
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from render.decoder import Decoder
 from render.identity import Identity
 from render.types import Camera, Renderer
 from sensors.assemble import Assembler
-from sensors.types import FPS, NS, Clock, Source
+from sensors.types import FPS, NS, Clock, Packet, Source
 
 
 @dataclass
@@ -57,6 +57,7 @@ def drive(
     seed: int,
     realtime: bool,
     panel: ControlPanel | None = None,
+    record: Callable[[Packet], None] | None = None,  # sees what the driver gets, before assembly
 ) -> Summary:
     """Run until the source is exhausted, the panel is closed or Ctrl-C; sinks are closed anyway."""
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
@@ -72,10 +73,11 @@ def drive(
         gc.disable()
         source.open()
         start_ns = clock.now_ns()
+        live = source.info.duration_ns is None
+        wake_ns = due_ns = start_ns + NS // FPS  # no frame can be complete before
         while not source.exhausted:
             if realtime:
-                # The frame after next can only be complete at this absolute time.
-                clock.sleep_until_ns(start_ns + (summary.frames + 1) * NS // FPS)
+                clock.sleep_until_ns(wake_ns)
             if panel:
                 wanted = panel.read()
                 if wanted.closed:
@@ -88,23 +90,30 @@ def drive(
             with stages("tick"):
                 with stages("assemble"):
                     for packet in source.poll():
-                        assembler.push(hushed(packet) if muted else packet)
+                        heard = hushed(packet) if muted else packet
+                        if record:
+                            record(heard)
+                        assembler.push(heard)
                     frames = assembler.ready()
                 for frame in frames:
                     driven, state = driver.step(frame, state, stages)
+                    code_ns = clock.now_ns()
                     summary.frames += 1
                     newest = frame is frames[-1]
                     summary.dropped += not newest
                     picture = _draw(head, driven, stages) if head and newest else None
                     with stages("sinks"):
-                        result = FrameResult(frame, driven, picture, summary.dropped)
+                        result = FrameResult(frame, driven, picture, summary.dropped, code_ns)
                         for sink in opened:
                             sink.on_frame(result)
-            if realtime:
-                due_ns = start_ns + (summary.frames + 1) * NS // FPS
-                summary.late_ns = max(summary.late_ns, clock.now_ns() - due_ns)
-                if not frames:
-                    clock.sleep_until_ns(clock.now_ns() + NS // 1000)
+            if not frames:
+                stages.undo("assemble", "tick")  # looking in vain is no tick
+                wake_ns = clock.now_ns() + NS // 1000
+                continue
+            summary.late_ns = max(summary.late_ns, clock.now_ns() - due_ns - NS // FPS)
+            # The sample count is the clock of a live run: its frames carry the time of their end.
+            end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
+            wake_ns = due_ns = end_ns + NS // FPS
     finally:
         if collecting:
             gc.enable()

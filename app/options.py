@@ -1,14 +1,14 @@
 """What `replay` and `run` share: who is driven and how, what is drawn, what is written."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
-from sensors.types import FPS, Clock, InputError, Source
+from sensors.types import FPS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
     from app.sinks.sink import Sink
@@ -69,10 +69,11 @@ class DriveOptions:
         *,
         realtime: bool,
         draw: bool,
-        title: str,  # of the window
+        title: str = "live",  # of the window
         live: bool = False,  # a microphone can be muted
         frames: int | None = None,  # how many will come, where that is known
         more_sinks: Sequence["Sink"] = (),
+        record: Callable[[Packet], None] | None = None,
     ) -> dict[str, Any]:
         """Drive the head from `source` until it ends or Ctrl-C; return the report (DESIGN 4)."""
         from app.loop import Head, drive
@@ -92,7 +93,9 @@ class DriveOptions:
         info = RunInfo(width=self.size, height=self.size, frames=frames)
         try:
             summary = drive(
-                source, driver, head, sinks, clock, stages, info, self.seed, realtime, window
+                *(source, driver, head, sinks, clock, stages, info, self.seed, realtime),
+                panel=window,
+                record=record,
             )
         finally:
             if renderer:

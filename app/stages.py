@@ -39,6 +39,11 @@ class Stages:
         """What each stage last took, in the order of STAGES; 0 for one that never ran."""
         return [self._wall_ns[name][self._count[name] % CAPACITY - 1] / 1e6 for name in STAGES]
 
+    def undo(self, *names: str) -> None:
+        """Forget the last entry of these stages."""
+        for name in names:
+            self._count[name] -= 1
+
     def summary(self) -> dict[str, dict[str, float]]:
         """{stage: {p50_ms, p95_ms, p99_ms, cpu_ms}}; cpu_ms is a mean over all threads."""
         out: dict[str, dict[str, float]] = {}

@@ -27,6 +27,7 @@ class FrameResult:
     driven: DrivenFrame
     picture: NDArray[np.uint8] | None  # [H, W, 4]; None where the draw was skipped
     dropped: int = 0  # ticks stepped and not drawn, so far
+    code_ns: int = 0  # when the code existed, on the run's clock
 
 
 class Sink(Protocol):
