@@ -17,9 +17,9 @@ class Action(NamedTuple):
 
 
 ACTIONS = (
-    Action("mute", "Mute the microphone", Key.m, "M", icons.ICON_FA_MICROPHONE),
+    Action("mute", "Mute the sound", Key.m, "M", icons.ICON_FA_MICROPHONE),
     Action("record", "Record the session", Key.r, "R", icons.ICON_FA_CIRCLE),
-    Action("recentre", "Recentre: I look straight ahead", Key.c, "C", icons.ICON_FA_CROSSHAIRS),
+    Action("recentre", "Recentre the view and the gaze", Key.c, "C", icons.ICON_FA_CROSSHAIRS),
     Action("picture", "Save a picture with alpha", Key.p, "P", icons.ICON_FA_CAMERA),
     Action("mirror", "Mirror the view", Key.x, "X", icons.ICON_FA_ARROWS_LEFT_RIGHT),
     Action("full_screen", "Full screen", Key.f11, "F11", icons.ICON_FA_EXPAND),
@@ -27,7 +27,6 @@ ACTIONS = (
     Action("help", "Help", Key.f1, "F1", icons.ICON_FA_QUESTION),
     Action("background", "Next background", Key.b, "B"),
     Action("smooth", "Smooth motion between ticks (one tick later)", Key.s, "S"),
-    Action("view", "Reset the view", Key.v, "V"),
     Action("restart", "Start the head anew, from its first state", Key.backspace, "Backspace"),
     Action("escape", "Close the help, leave full screen", Key.escape, "Esc"),
 )
@@ -35,7 +34,7 @@ MOUSE = (
     ("Drag", "Turn the head"),
     ("Wheel", "Zoom"),
     ("Right drag", "Move the head"),
-    ("Double click", "Reset the view"),
+    ("Double click", "Recentre"),
 )
 
 

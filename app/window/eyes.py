@@ -47,12 +47,14 @@ class EyeMarks:
         """Marks of one eye (0 = left) for code [256] and gaze [2, 3]."""
         rig, look, camera = self._decoder.rig(expression), gaze[eye], self._cameras[eye]
         lids = self._rest[eye] + (self._moves[eye] @ rig).reshape(-1, 3)
+        edge = project(camera, lids)
+        edge = 0.5 * edge + 0.25 * (np.roll(edge, 1, axis=0) + np.roll(edge, -1, axis=0))
         center = self._centers[eye]
         places = project(camera, np.stack([center + PUPIL_MM * look, center + RAY_MM * look]))
         return Marks(
             pupil=places[0],
             ray_end=places[1],
-            lids=project(camera, lids),
+            lids=edge,
             opening=float(np.clip(1.0 - rig[self._blinks[eye]], 0.0, 1.0)),
             yaw_deg=float(np.degrees(np.arctan2(look[0], look[2]))),
             pitch_deg=float(np.degrees(np.arcsin(np.clip(look[1], -1.0, 1.0)))),

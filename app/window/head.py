@@ -91,10 +91,12 @@ class HeadView:
         background: tuple[float, float, float, float] | Literal["studio"],
         mirror: bool,
     ) -> None:
-        """Fill the window with the background and the last picture."""
+        """Fill the view with the background and the last picture."""
         gl, program = self._context.gl, self._program
         gl.screen.use()
         gl.viewport = (0, 0, *window)
+        left, width = round(view.x), round(view.width)
+        gl.screen.scissor = (left, 0, width, window[1])  # the sidebar covers the rest
         gl.enable_only(moderngl.NOTHING)
         self._texture.use(0)
         program["area"] = tuple(view)
@@ -104,6 +106,7 @@ class HeadView:
         program["background"] = (red * alpha, green * alpha, blue * alpha, alpha)
         program["mirror"] = mirror
         self._triangle.render(moderngl.TRIANGLES, vertices=3)
+        gl.screen.scissor = (0, 0, *window)
 
     def still(self, expression: Code, gaze: Code, orbit: Orbit) -> NDArray[np.uint8]:
         """A square picture [H, W, 4] with straight alpha and nothing behind the head."""

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 SIZE = (1280, 800)  # px of a new window
+MIN_SIZE = (840, 560)
 SIDEBAR = 348
 TOOLBAR_BUTTON, TOOLBAR_GAP = 44, 8
 MARGIN = 20
@@ -23,6 +24,9 @@ class Rect(NamedTuple):
     @property
     def bottom(self) -> float:
         return self.y + self.height
+
+    def times(self, factor: float) -> "Rect":
+        return Rect(*(factor * value for value in self))
 
     def overlaps(self, other: "Rect") -> bool:
         return (

@@ -82,6 +82,8 @@ def _button(state: State, action: Action, area: Rect) -> bool:
     draw.add_text(at, parts.rgba(color), icon)
     if imgui.is_item_hovered():
         imgui.push_style_var(imgui.StyleVar_.window_padding, ImVec2(12 * scale, 8 * scale))
+        above = ImVec2(area.x + area.width / 2, area.y - 14 * scale)
+        imgui.set_next_window_pos(above, imgui.Cond_.always, ImVec2(0.5, 1.0))
         with parts.font(None, theme.TEXT_PX):
             imgui.set_tooltip(f"{action.label}  ({action.key_name})")
         imgui.pop_style_var()
@@ -120,31 +122,35 @@ def help_page(state: State, fonts: theme.Fonts, view: Rect) -> None:
     with parts.font(fonts.bold, theme.TITLE_PX):
         imgui.text("Help")
     actions = [a for a in ACTIONS if a.name != "record" or state.info.can_record]
-    for heading, rows in (
-        ("Keys", [(a.key_name, a.label) for a in actions]),
-        ("Mouse", list(MOUSE)),
-    ):
-        parts.heading(heading, fonts)
-        for key, text in rows:
-            _key(key, fonts)
-            imgui.same_line(150 * scale)
-            imgui.align_text_to_frame_padding()
-            imgui.text(text)
+    keys = [(a.key_name, a.label) for a in actions]
+    imgui.begin_group()
+    _rows("Keys", keys, 96 * scale, fonts)
+    imgui.end_group()
+    imgui.same_line(0, 48 * scale)
+    imgui.begin_group()
+    _rows("Mouse", list(MOUSE), 112 * scale, fonts)
+    imgui.end_group()
     imgui.end()
     imgui.pop_style_var(2)
 
 
-def _key(name: str, fonts: theme.Fonts) -> None:
+def _rows(heading: str, rows: list[tuple[str, str]], indent: float, fonts: theme.Fonts) -> None:
+    """Key caps with what they do, `indent` px further right."""
     scale, draw = _scale(), imgui.get_window_draw_list()
-    with parts.font(fonts.text, theme.SMALL_PX):
-        size, corner = imgui.calc_text_size(name), imgui.get_cursor_screen_pos()
-        height = 24 * scale
-        width = max(float(size.x) + 16 * scale, height)
-        end = ImVec2(corner.x + width, corner.y + height)
-        draw.add_rect_filled(corner, end, parts.rgba(theme.RAISED), 6 * scale)
-        at = ImVec2(corner.x + (width - size.x) / 2, corner.y + (height - size.y) / 2)
-        draw.add_text(at, parts.rgba(theme.TEXT), name)
-        imgui.dummy(ImVec2(width, height))
+    parts.heading(heading, fonts)
+    for name, text in rows:
+        corner, height = imgui.get_cursor_screen_pos(), 26 * scale
+        with parts.font(fonts.text, theme.SMALL_PX):
+            size = imgui.calc_text_size(name)
+            width = max(float(size.x) + 16 * scale, height)
+            end = ImVec2(corner.x + width, corner.y + height)
+            draw.add_rect_filled(corner, end, parts.rgba(theme.RAISED), 6 * scale)
+            at = ImVec2(corner.x + (width - size.x) / 2, corner.y + (height - size.y) / 2)
+            draw.add_text(at, parts.rgba(theme.TEXT), name)
+        size = imgui.calc_text_size(text)
+        at = ImVec2(corner.x + indent, corner.y + (height - size.y) / 2)
+        draw.add_text(at, parts.rgba(theme.TEXT), text)
+        imgui.dummy(ImVec2(indent + size.x, height))
 
 
 def clock(frames: int) -> str:

@@ -50,7 +50,7 @@ def muted(text: str) -> None:
 def heading(text: str, fonts: theme.Fonts, note: str = "", first: bool = False) -> None:
     """A section's title, with a note at the right edge."""
     if not first:
-        imgui.dummy(ImVec2(0, 10 * imgui.get_style().font_scale_dpi))
+        imgui.dummy(ImVec2(0, 7 * imgui.get_style().font_scale_dpi))
     with font(fonts.bold, theme.SMALL_PX):
         muted(text.upper())
     if note:
@@ -66,12 +66,12 @@ def right_align(text: str) -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(left, 0))
 
 
-def pick(label: str, chosen: str, names: tuple[str, ...]) -> str:
-    """A list to choose from, over the whole width; returns the name that is chosen."""
-    imgui.set_next_item_width(-1)
-    if imgui.begin_combo(f"##{label}", chosen):
+def pick(label: str, chosen: str, names: tuple[str, ...], width: float) -> str:
+    """A list to choose from; returns the name that is chosen."""
+    imgui.set_next_item_width(width)
+    if imgui.begin_combo(f"##{label}", chosen.capitalize()):
         for name in names:
-            clicked, _ = imgui.selectable(name, name == chosen)
+            clicked, _ = imgui.selectable(name.capitalize(), name == chosen)
             if clicked:
                 chosen = name
         imgui.end_combo()

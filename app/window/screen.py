@@ -7,7 +7,7 @@ from typing import Any
 import glfw
 from imgui_bundle import imgui, implot
 
-from app.window.layout import SIZE
+from app.window.layout import MIN_SIZE, SIZE
 from app.window.theme import Fonts, load_fonts, set_style
 from render.contexts import GLContext, create_context
 from sensors.types import NS
@@ -23,13 +23,16 @@ class Screen:
         self.context: GLContext = create_context("window", SIZE, transparent)
         self.window: Any = self.context.window
         glfw.set_window_title(self.window, title)
-        glfw.set_window_size_limits(self.window, 720, 480, glfw.DONT_CARE, glfw.DONT_CARE)
         imgui.create_context()
         implot.create_context()
         io = imgui.get_io()
         io.set_ini_filename("")
         io.config_flags |= imgui.ConfigFlags_.nav_enable_keyboard
-        self.scale = glfw.get_window_content_scale(self.window)[0]
+        # Some desktops count in points and give more pixels a point, others count in pixels.
+        self.density = self.pixels[0] / self.size[0]
+        self.scale = glfw.get_window_content_scale(self.window)[0] / self.density
+        width, height = (round(self.scale * length) for length in MIN_SIZE)
+        glfw.set_window_size_limits(self.window, width, height, glfw.DONT_CARE, glfw.DONT_CARE)
         self.fonts: Fonts = load_fonts()
         set_style(self.scale)
         imgui.backends.glfw_init_for_opengl(_address(self.window), True)
@@ -49,7 +52,13 @@ class Screen:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Of the drawable area, px."""
+        """In the desktop's units, which are those of mouse and panels."""
+        width, height = glfw.get_window_size(self.window)
+        return max(width, 1), max(height, 1)
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """In pixels."""
         width, height = glfw.get_framebuffer_size(self.window)
         return max(width, 1), max(height, 1)
 

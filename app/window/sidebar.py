@@ -36,13 +36,21 @@ def draw(
 
 
 def _who(state: State, fonts: theme.Fonts) -> None:
-    parts.heading("Avatar", fonts, first=True)
     info, wishes = state.info, state.wishes
-    wishes["avatar"] = info.avatars.index(parts.pick("avatar", state.avatar, info.avatars))
+    full = imgui.get_content_region_avail().x
+    gap = imgui.get_style().item_spacing.x
+    width = (full - gap) / 2 if info.emotions else full
+    left = imgui.get_cursor_pos_x()
+    parts.heading("Avatar", fonts, first=True)
     if info.emotions:
-        parts.heading("Emotion", fonts)
+        imgui.same_line(left + width + gap)
+        parts.heading("Emotion", fonts, first=True)
+    chosen = parts.pick("avatar", state.avatar, info.avatars, width)
+    wishes["avatar"] = info.avatars.index(chosen)
+    if info.emotions:
+        imgui.same_line()
         names = (AUTOMATIC, *info.emotions)
-        chosen = parts.pick("emotion", names[int(wishes["emotion"]) + 1], names)
+        chosen = parts.pick("emotion", names[int(wishes["emotion"]) + 1], names, width)
         wishes["emotion"] = names.index(chosen) - 1
 
 
@@ -166,12 +174,12 @@ def _graph(state: State, fonts: theme.Fonts) -> None:
     implot.push_style_var(implot.StyleVar_.plot_padding, ImVec2(8 * scale, 8 * scale))
     with parts.font(fonts.text, theme.SMALL_PX - 1):
         flags = implot.Flags_.canvas_only | implot.Flags_.no_inputs
-        if implot.begin_plot("##tick", ImVec2(-1, 118 * scale), flags):
+        if implot.begin_plot("##tick", ImVec2(-1, 140 * scale), flags):
             quiet = axes.no_tick_marks | axes.no_menus | axes.no_highlight
             implot.setup_axes("", "", quiet | axes.no_tick_labels | axes.no_grid_lines, quiet)
             implot.setup_axes_limits(float(seconds[0]), 0.0, 0.0, ceiling, implot.Cond_.always)
-            implot.setup_axis_ticks(implot.ImAxis_.y1, [0.0, 10.0, 20.0, BUDGET_MS])
-            implot.setup_axis_format(implot.ImAxis_.y1, "%.0f")
+            names = ["0", "10", "20", f"{BUDGET_MS:.0f} ms"]
+            implot.setup_axis_ticks(implot.ImAxis_.y1, [0.0, 10.0, 20.0, BUDGET_MS], names)
             below = np.zeros(KEPT)
             for place, k in enumerate(SHOWN):
                 top = np.ascontiguousarray(tops[:, place])

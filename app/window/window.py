@@ -64,10 +64,9 @@ class Window:
         screen.begin()
         for name in actions.pressed():
             self.perform(name)
-        width, height = screen.size
-        layout = arrange(width, height, screen.scale, state.panels, len(self._toolbar))
+        layout = arrange(*screen.size, screen.scale, state.panels, len(self._toolbar))
         self._hand(layout.view)
-        shown = self._draw_head(layout.view, (width, height))
+        shown = self._draw_head(layout.view.times(screen.density), screen.pixels)
         if state.panels or state.still_s < CHROME_S:
             overlay.title(state, screen.fonts, layout.title)
             overlay.status(state, screen.fonts, layout.status)
@@ -93,8 +92,8 @@ class Window:
             wishes["recording"] = not wishes["recording"]
             state.recording_from = state.history.frames
         elif name == "recentre":
+            state.orbit = Orbit()
             wishes["recentred"] += 1
-            state.say("Straight ahead is where you look now")
         elif name == "restart":
             wishes["resets"] += 1
             state.say("The head starts anew")
@@ -105,8 +104,6 @@ class Window:
         elif name == "smooth":
             state.motion.smooth = not state.motion.smooth
             state.say("Smooth motion " + ("on" if state.motion.smooth else "off"))
-        elif name == "view":
-            state.orbit = Orbit()
         elif name == "full_screen":
             self._screen.toggle_full_screen()
         elif name == "escape":
@@ -128,7 +125,7 @@ class Window:
                 texture.write(picture)
 
     def _draw_head(self, view: Rect, window: tuple[int, int]) -> tuple[Code, Code] | None:
-        """Returns the expression and gaze that were drawn."""
+        """View and window in pixels; returns the expression and gaze that were drawn."""
         state, head = self.state, self._head
         if state.avatar != head.identity.name:
             head.choose(state.avatar)
@@ -151,7 +148,7 @@ class Window:
         dx, dy = io.mouse_delta.x, io.mouse_delta.y
         across = -1.0 if state.mirror else 1.0
         if imgui.is_mouse_double_clicked(button.left):
-            state.orbit = Orbit()
+            self.perform("recentre")
         elif imgui.is_mouse_dragging(button.left, 0.0):
             yaw, pitch = -across * dx * DEGREES_PER_PX, dy * DEGREES_PER_PX
             state.orbit = state.orbit.turned(yaw, pitch)
