@@ -4,8 +4,10 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
+# A WebXR headset for the browser tests, in JavaScript.
+XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
-    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0
+    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 chromium
 
 .PHONY: setup system demo check bench help
 help:  ## this list
@@ -17,6 +19,7 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet $(PIP_ARGS) -r requirements.lock
 	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps --editable .
+	$(VENV)/bin/npm install --silent --ignore-scripts --no-save --prefix $(VENV) $(XR_EMULATOR)
 	touch $@
 
 system:
@@ -25,7 +28,7 @@ system:
 	    command -v flite >/dev/null && command -v espeak-ng >/dev/null && \
 	    command -v pulseaudio >/dev/null && command -v pacat >/dev/null && \
 	    ls /usr/lib/*/alsa-lib/libasound_module_pcm_pulse.so >/dev/null 2>&1 && \
-	    ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
+	    command -v chromium >/dev/null && ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    apt-get update -qq && apt-get install -y -qq --no-install-recommends $(APT_PACKAGES) >/dev/null; \
 	else \

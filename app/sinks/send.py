@@ -1,0 +1,149 @@
+"""`--send URL ...`: the face to other programs, over UDP, from a thread of its own.
+
+    loop -> SendSink.on_frame -> queue (newest win) -> thread -> Target.send -> UDP
+
+The loop only puts a frame into a queue. A program that is not there costs nothing and is met again
+as soon as it listens.
+"""
+
+import contextlib
+import queue
+import socket
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Any
+from urllib.parse import unquote, urlsplit
+
+import numpy as np
+
+from app.sinks import livelink, vmc, vrchat
+from app.sinks.face import Face, FaceReader
+from app.sinks.sink import FrameResult, RunInfo
+from encoder.driver import DrivenFrame
+from sensors.types import InputError
+
+QUEUE = 8  # ticks; when the thread falls behind, the oldest is dropped
+COSTS = 30 * 60 * 10  # ticks whose cost is remembered
+SURE = 3  # ticks without a refusal after which a receiver counts as met again
+JOIN_S = 2.0
+PORTS = {"vmc": vmc.PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
+EXAMPLES = ", ".join(f"{scheme}://127.0.0.1:{port}" for scheme, port in PORTS.items())
+
+
+class Target:
+    """One receiver. UDP asks nobody; that no one listens is heard only from this machine."""
+
+    def __init__(self, url: str) -> None:
+        """Raise InputError unless `url` names a protocol, a known host and a port."""
+        self.url = url
+        scheme, host, port, path = parse(url)
+        self._encode = encoder(scheme, path)
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(
+                host, port, type=socket.SOCK_DGRAM
+            )[0]
+        except (OSError, UnicodeError) as error:
+            raise InputError(
+                f"--send {url}: expected a host that can be found, got {error}; try 127.0.0.1"
+            ) from error
+        self._socket = socket.socket(family, kind, protocol)
+        self._socket.setblocking(False)
+        self._socket.connect(address)
+        self.sent, self.lost, self.reconnects = 0, 0, 0  # ticks, ticks, times it was met again
+        self._heard = SURE  # ticks since it was last refused
+        self._cost_ns: deque[int] = deque(maxlen=COSTS)
+
+    def send(self, face: Face) -> None:
+        start_ns = time.perf_counter_ns()
+        arrived = [self._post(datagram) for datagram in self._encode(face)]
+        if all(arrived):
+            self.sent += 1
+            self._heard += 1
+            self.reconnects += self._heard == SURE
+        else:
+            self.lost += 1
+            self._heard = 0
+        self._cost_ns.append(time.perf_counter_ns() - start_ns)
+
+    def report(self) -> dict[str, Any]:
+        p50, p99 = np.percentile(self._cost_ns or [0], (50, 99)) / 1e6
+        costs = {"p50_ms": round(float(p50), 3), "p99_ms": round(float(p99), 3)}
+        return {"sent": self.sent, "lost": self.lost, "reconnects": self.reconnects, **costs}
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _post(self, datagram: bytes) -> bool:
+        """False: refused. The refusal is that of the last datagram, so this one goes out anyway."""
+        try:
+            self._socket.send(datagram)
+            return True
+        except OSError:  # nobody listens, no route, or a full buffer
+            with contextlib.suppress(OSError):
+                self._socket.send(datagram)
+            return False
+
+
+class SendSink:
+    """Sends every tick to all targets."""
+
+    def __init__(self, urls: Sequence[str], reader: FaceReader) -> None:
+        self._targets = [Target(url) for url in urls]
+        self._reader = reader
+        self._queue: queue.Queue[DrivenFrame | None] = queue.Queue(QUEUE)
+        self.dropped = 0  # ticks that the queue had no room for
+        self._thread = threading.Thread(target=self._run, name="send", daemon=True)
+
+    def on_start(self, info: RunInfo) -> None:
+        self._thread.start()
+
+    def on_frame(self, result: FrameResult) -> None:
+        while True:
+            try:
+                self._queue.put_nowait(result.driven)
+            except queue.Full:
+                with contextlib.suppress(queue.Empty):
+                    self._queue.get_nowait()
+                    self.dropped += 1
+            else:
+                return
+
+    def close(self) -> None:
+        if self._thread.is_alive():
+            self._queue.put(None)
+            self._thread.join(JOIN_S)
+        for target in self._targets:
+            target.close()
+
+    def report(self) -> dict[str, Any]:
+        """{url: {sent, lost, reconnects, dropped, p50_ms, p99_ms}}, ticks and their cost."""
+        return {t.url: {**t.report(), "dropped": self.dropped} for t in self._targets}
+
+    def _run(self) -> None:
+        while (driven := self._queue.get()) is not None:
+            face = self._reader(driven)
+            for target in self._targets:
+                target.send(face)
+
+
+def parse(url: str) -> tuple[str, str, int, str]:
+    """Protocol, host, port and path of a `--send` address."""
+    parts = urlsplit(url)
+    try:
+        port = parts.port or PORTS.get(parts.scheme, 0)
+    except ValueError:
+        port = 0
+    if parts.scheme not in PORTS or not parts.hostname or not port:
+        raise InputError(f"--send: expected {EXAMPLES} or ws://127.0.0.1:9001, got {url!r}")
+    return parts.scheme, parts.hostname, port, unquote(parts.path.strip("/"))
+
+
+def encoder(scheme: str, path: str) -> Callable[[Face], list[bytes]]:
+    """What turns a face into datagrams. The path names the parameters' prefix or the subject."""
+    if scheme == "vmc":
+        return vmc.VmcEncoder()
+    if scheme == "vrchat":
+        return vrchat.VRChatEncoder(path or vrchat.PREFIX)
+    return livelink.LiveLinkEncoder(path or livelink.SUBJECT)
