@@ -14,12 +14,16 @@ from app.bench import Bench
 from app.capture import Capture
 from app.doctor import Doctor
 from app.eval import Eval
+from app.record import Record
 from app.replay import Replay
+from app.run import Run
 from app.session import Session
 from app.train import Train
 
 Command = (
     Annotated[Replay, subcommand("replay")]
+    | Annotated[Run, subcommand("run")]
+    | Annotated[Record, subcommand("record")]
     | Annotated[Session, subcommand("session")]
     | Annotated[Avatar, subcommand("avatar")]
     | Annotated[Capture, subcommand("capture")]

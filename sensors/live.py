@@ -28,6 +28,7 @@ class LiveSource:
         self._clock = clock
         self._max_samples = None if seconds is None else int(seconds * SAMPLE_RATE)
         self._timeline: AudioTimeline | None = None
+        self._is_open = self._stopped = False
 
     @property
     def info(self) -> SourceInfo:
@@ -39,6 +40,8 @@ class LiveSource:
 
     @property
     def exhausted(self) -> bool:
+        if self._stopped:
+            return True
         if self._timeline is None or self._max_samples is None:
             return False
         return self._timeline.position >= self._max_samples
@@ -60,9 +63,14 @@ class LiveSource:
         for camera in self.cameras:
             camera.open()
         self._timeline = AudioTimeline(self._clock.now_ns())
+        self._is_open, self._stopped = True, False
+
+    def stop(self) -> None:
+        """No packet comes any more; for signal handlers."""
+        self._stopped = True
 
     def poll(self) -> list[Packet]:
-        if self._timeline is None:
+        if self._timeline is None or not self._is_open:
             raise RuntimeError("poll before open")
         if self.exhausted:
             return []
@@ -76,9 +84,7 @@ class LiveSource:
         return packets
 
     def close(self) -> None:
-        if self._timeline is None:
-            return
-        self._timeline = None
+        self._is_open = False
         for camera in self.cameras:
             camera.close()
         if self.microphone:

@@ -1,0 +1,55 @@
+"""`livedrive run`: microphone and eye cameras drive the head, live."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from app.live import LiveOptions, ends_on_signals, open_recorder, sensor_report
+from app.options import DriveOptions
+from sensors.types import InputError
+
+
+@dataclass(kw_only=True)
+class Run(LiveOptions, DriveOptions):
+    """Drive the head from the microphone and the eye cameras."""
+
+    headless: bool = False
+    """Open no window."""
+    record: Path | None = None
+    """Record a session into this folder, to be replayed to the same codes."""
+
+    def run(self) -> None:
+        if self.headless and self.window:
+            raise InputError("window: expected --headless or --window, got both; give one")
+        self.window = not self.headless
+        from app.dashboard import Dashboard
+        from app.live_stats import LiveStats
+        from sensors.clock import MonotonicClock
+        from sensors.portaudio import silence_native_messages
+
+        clock = MonotonicClock()
+        source, driver = self.live_source(clock), self.load_driver()
+        recorder = open_recorder(self.record, source) if self.record else None
+        stats = LiveStats()
+        silence_native_messages()
+        try:
+            with ends_on_signals(source) as signals:
+                report = self.drive(
+                    source,
+                    driver,
+                    clock,
+                    realtime=True,
+                    draw=False,
+                    live=True,
+                    more_sinks=[stats, Dashboard(source, stats)],
+                    record=recorder.append if recorder else None,
+                )
+        finally:
+            if recorder:
+                recorder.close()
+        report |= stats.report() | {"sensors": sensor_report(source)}
+        report["recording"] = recorder.problem or "complete" if recorder else "none"
+        self.finish(report)
+        if self.record and recorder and not recorder.problem:
+            print(f"wrote {self.record.resolve()}; next: livedrive replay {self.record}")
+        if signals:
+            raise KeyboardInterrupt
