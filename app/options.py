@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import tyro
 
+from app import background
 from sensors.types import FPS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
@@ -39,6 +40,10 @@ class DriveOptions:
     """Write timings and settings, e.g. out.json."""
     window: bool = False
     """Show the head in a window; F1 there lists the keys."""
+    virtual_camera: Annotated[str | None, tyro.conf.arg(metavar="DEVICE|auto")] = None
+    """Be a webcam for video calls: a v4l2loopback device like /dev/video10, or auto."""
+    background: str = "studio"
+    """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
     """Who is driven; see: livedrive avatar list."""
     condition: Literal["auto", "gaze"] = "auto"
@@ -56,6 +61,12 @@ class DriveOptions:
             raise InputError(
                 f"--size: expected an even number in 64..{MAX_SIZE}, got {self.size}; "
                 "try --size 512"
+            )
+        transparent = background.fill(self.background) == background.FILLS["transparent"]
+        if transparent and (self.video or self.virtual_camera):
+            raise InputError(
+                "--background: expected a colour, as videos and cameras have no alpha, "
+                "got 'transparent'; try --background green"
             )
         from encoder.inference import load_driver
 
@@ -87,8 +98,10 @@ class DriveOptions:
         stages = Stages()
         window = self._open_window(clock, stages, title, live, frames) if self.window else None
         sinks = [*self._sinks(decoder, who), *more_sinks, *([window] if window else [])]
-        renderer = create_renderer() if draw or self.video or self.pictures else None
-        camera = cameras.portrait(self.size, self.size)
+        draw = draw or bool(self.video or self.pictures or self.virtual_camera)
+        renderer = create_renderer() if draw else None
+        behind = background.flat(self.background)
+        camera = cameras.portrait(self.size, self.size, background=behind)
         head = Head(decoder, who, renderer, camera) if renderer else None
         info = RunInfo(width=self.size, height=self.size, frames=frames)
         try:
@@ -143,6 +156,7 @@ class DriveOptions:
             live=live,
             frames=frames,
             size=self.size,
+            background=self.background,
         )
         return WindowSink(info, clock, stages.latest_ms)
 
@@ -151,12 +165,17 @@ class DriveOptions:
         from app.sinks.motion import MotionSink
         from app.sinks.pictures import PictureSink
         from app.sinks.video import VideoSink
+        from app.sinks.virtual_camera import VirtualCameraSink
 
         sinks: list[Sink] = []
         if self.video:
             sinks.append(VideoSink(self.video))
         if self.pictures:
-            sinks.append(PictureSink(self.pictures, self.every))
+            transparent = self.background == "transparent"
+            sinks.append(PictureSink(self.pictures, self.every, transparent))
+        if self.virtual_camera:
+            device = None if self.virtual_camera == "auto" else self.virtual_camera
+            sinks.append(VirtualCameraSink(device))
         if self.motion:
             sinks.append(MotionSink(self.motion, decoder, who))
         if self.arkit:

@@ -2,15 +2,17 @@
 
 from pathlib import Path
 
+from app.background import straight_alpha
 from app.sinks.sink import FrameResult, RunInfo
 from sensors.types import InputError
 
 
 class PictureSink:
-    def __init__(self, folder: Path, every: int) -> None:
+    def __init__(self, folder: Path, every: int, transparent: bool = False) -> None:
+        """With `transparent` the pictures were drawn over black and keep their alpha."""
         if every < 1:
             raise InputError(f"--every: expected 1 or more frames, got {every}; try --every 30")
-        self._folder, self._every = folder, every
+        self._folder, self._every, self._transparent = folder, every, transparent
 
     def on_start(self, info: RunInfo) -> None:
         self._folder.mkdir(parents=True, exist_ok=True)
@@ -20,7 +22,10 @@ class PictureSink:
 
         index = result.driven.index
         if result.picture is not None and index % self._every == 0:
-            picture = Image.fromarray(result.picture[..., :3])
+            pixels = result.picture[..., :3]
+            if self._transparent:
+                pixels = straight_alpha(result.picture)
+            picture = Image.fromarray(pixels)
             picture.save(self._folder / f"frame_{index:06d}.png")
 
     def close(self) -> None:

@@ -1,11 +1,10 @@
 """The head in the window: decodes, draws, and lays the picture over the background."""
 
-from typing import Literal
-
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
+from app.background import Fill, straight_alpha
 from app.window.layout import Rect
 from render import identity
 from render.cameras import Orbit
@@ -88,7 +87,7 @@ class HeadView:
         self,
         view: Rect,
         window: tuple[int, int],
-        background: tuple[float, float, float, float] | Literal["studio"],
+        background: Fill,
         mirror: bool,
     ) -> None:
         """Fill the view with the background and the last picture."""
@@ -119,11 +118,3 @@ class HeadView:
         _, gaussians = self.decoder.decode(expression, gaze, self.identity)
         self._renderer.draw(gaussians, orbit.camera(width, height, BLACK))
         return self._renderer.read_rgba()
-
-
-def straight_alpha(picture: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Premultiplied [H, W, 4] -> straight, as PNG wants it."""
-    out = picture.copy()
-    alpha = picture[..., 3:].astype(np.float32)
-    out[..., :3] = (picture[..., :3] * (255.0 / np.maximum(alpha, 1.0)) + 0.5).clip(0, 255)
-    return out

@@ -6,12 +6,13 @@ import numpy as np
 from imgui_bundle import ImVec2, ImVec2Like, ImVec4, imgui, implot
 from imgui_bundle import icons_fontawesome_6 as icons
 
+from app.background import FILLS
 from app.stages import STAGES
 from app.window import parts, theme
 from app.window.eyes import Marks
 from app.window.history import KEPT, SILENCE_DB
 from app.window.layout import Rect
-from app.window.state import BACKGROUNDS, State
+from app.window.state import State
 from sensors.types import EYE_NAMES, EYE_SIZE, FPS
 
 BUDGET_MS = 1000 / FPS
@@ -201,7 +202,7 @@ def _view(state: State, fonts: theme.Fonts) -> None:
     parts.heading("View", fonts, f"{state.hz:.0f} Hz, head in {state.draw_ms:.0f} ms")
     scale = imgui.get_style().font_scale_dpi
     paint = imgui.get_window_draw_list()
-    names = (*BACKGROUNDS, "custom")
+    names = (*FILLS, "custom")
     gap = imgui.get_style().item_spacing.x
     width = (imgui.get_content_region_avail().x - gap * (len(names) - 1)) / len(names)
     for place, name in enumerate(names):
@@ -227,7 +228,7 @@ def _view(state: State, fonts: theme.Fonts) -> None:
 
 def _swatch(state: State, name: str, corner: ImVec2, end: ImVec2) -> None:
     paint, scale = imgui.get_window_draw_list(), imgui.get_style().font_scale_dpi
-    color = BACKGROUNDS.get(name, (*state.custom, 1.0))
+    color = FILLS.get(name, (*state.custom, 1.0))
     radius, middle = 6 * scale, ImVec2((corner.x + end.x) / 2, (corner.y + end.y) / 2)
     if name == "transparent":
         paint.add_rect_filled(corner, end, parts.rgba((0.45, 0.45, 0.45, 1.0)), radius)

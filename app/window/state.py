@@ -1,23 +1,16 @@
 """All that the window remembers, in one value that the panels read and change."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 
+from app.background import FILLS, Fill, flat
 from app.window.history import History
 from app.window.motion import Motion
 from app.window.shared import WindowInfo
 from render.cameras import Orbit
 
 Rgb = tuple[float, float, float]
-BACKGROUNDS: dict[str, tuple[float, float, float, float] | Literal["studio"]] = {
-    "studio": "studio",
-    "grey": (0.16, 0.16, 0.16, 1.0),
-    "white": (0.94, 0.94, 0.94, 1.0),
-    "green": (0.0, 0.694, 0.251, 1.0),  # of broadcast chroma keys
-    "transparent": (0.0, 0.0, 0.0, 0.0),
-}
 TOAST_S = 4.0
 
 
@@ -28,7 +21,7 @@ class State:
     history: History = field(default_factory=History)
     motion: Motion = field(default_factory=Motion)
     orbit: Orbit = Orbit()
-    background: str = "studio"  # a name of BACKGROUNDS, or "custom"
+    background: str = "studio"  # a name of FILLS, or "custom"
     custom: Rgb = (0.25, 0.28, 0.45)
     mirror: bool = False
     panels: bool = True
@@ -45,12 +38,18 @@ class State:
         return self.info.avatars[int(self.wishes["avatar"])]
 
     @property
-    def fill(self) -> tuple[float, float, float, float] | Literal["studio"]:
+    def fill(self) -> Fill:
         """What lies behind the head."""
-        return BACKGROUNDS.get(self.background, (*self.custom, 1.0))
+        return FILLS.get(self.background, (*self.custom, 1.0))
+
+    def choose_background(self, name: str) -> None:
+        """A name of FILLS or #rrggbb."""
+        self.background = name if name in FILLS else "custom"
+        if name not in FILLS:
+            self.custom = flat(name)
 
     def next_background(self) -> None:
-        names = [*BACKGROUNDS]
+        names = [*FILLS]
         place = names.index(self.background) + 1 if self.background in names else 0
         self.background = names[place % len(names)]
 

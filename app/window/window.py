@@ -33,7 +33,8 @@ class Window:
 
     def __init__(self, screen: Screen, memory: SharedMemory, info: WindowInfo) -> None:
         self._screen, self._memory = screen, memory
-        self.state = State(info, memory.wishes, background=info.background)
+        self.state = State(info, memory.wishes)
+        self.state.choose_background(info.background)
         self.state.motion.smooth = info.smooth
         self._head = HeadView(screen.context, info.avatar, info.size)
         self._marks = EyeMarks(self._head.decoder, self._head.identity)
