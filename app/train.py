@@ -6,24 +6,43 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-Stage = Literal["prior", "audio", "diffusion", "distill"]
+Stage = Literal["prior", "audio", "diffusion", "distill", "regression"]
+Variant = Literal[
+    "none", "centred", "offline", "no-velocity", "no-jitter", "plain-jitter", "no-dmd"
+]
 
 
 @dataclass(kw_only=True)
 class Train:
-    """Train one stage; each resumes with --resume and stops safely on Ctrl-C."""
+    """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
+
+    Order: audio, diffusion, distill. On several GPUs or machines start it with torchrun.
+    """
 
     stage: Positional[Stage]
     preset: Literal["debug", "default", "paper"] = "default"
+    variant: Variant = "none"
+    """An ablation of the paper, kept in its own folder of the data: `centred` audio encoder,
+    `offline` teacher with full attention, losses left out or jitter not normalised."""
     resume: bool = False
     """Go on from the last state of this run."""
+    start: Path | None = None
+    """Folder with weights of the same shapes to start from."""
+    steps: int | None = None
+    """Instead of the preset's."""
     face: Path = Path("face")
     """prior: folder of the face data."""
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
+    stream_minutes: float = 80.0
+    """Minutes of sound that diffusion and what follows learn from."""
     out: Path | None = None
     """Where weights go; default: beside the code, where the app looks for them."""
     seed: int = 0
+    device: Literal["cpu", "cuda"] = "cpu"
+    precision: Literal["float32", "bfloat16"] = "float32"
+    compile: bool = False
+    """Fuse kernels first (minutes); pays on a GPU."""
 
     def run(self) -> None:
         if self.stage == "prior":

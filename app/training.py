@@ -1,110 +1,183 @@
 """The encoder's training stages with what they need of the decoder (DESIGN 2).
 
 `encoder` never imports `render`: the map from rig to code and the vertices that the geometry
-losses look at are handed over from here.
+losses look at are handed over from here. Every ablation of the paper is one row of VARIANTS.
 """
 
 import subprocess
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sensors.types import InputError
+
 if TYPE_CHECKING:
     from torch import Tensor
 
     from app.train import Train
+    from encoder.training.geometry import Face
+    from encoder.training.loop import Run
 
-LOSS_VERTICES = {"lips": 2, "eyelids": 4, "brows": 8, "upper_face": 12}  # region: every n-th vertex
+# region: every n-th vertex, and the weight of one in the geometry losses (w_i of the paper)
+LOSS_VERTICES = {
+    "lips": (8, 3.0), "eyelids": (16, 1.0), "brows": (40, 0.5), "upper_face": (80, 0.5)
+}  # fmt: skip
+# variant: settings of each stage that it changes
+VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
+    "none": {},
+    "centred": {"audio": {"centred": True}, "diffusion": {}, "distill": {}, "regression": {}},
+    "offline": {"diffusion": {}},
+    "no-velocity": {"diffusion": {"velocity_weight": 0.0}, "distill": {"velocity_weight": 0.0}},
+    "no-jitter": {"diffusion": {"jitter_weight": 0.0}, "distill": {"jitter_weight": 0.0}},
+    "plain-jitter": {
+        "diffusion": {"jitter_normalised": False},
+        "distill": {"jitter_normalised": False},
+    },
+    "no-dmd": {"distill": {"dmd_weight": 0.0}},
+}
 
 
-@dataclass(frozen=True)
-class Geometry:
-    """The decoder as a differentiable function of codes; one vertex set for all identities."""
-
-    to_code: np.ndarray  # [53, 256]
-    to_vertices: "Tensor"  # [256, V * 3] mm
-
-    def rig_to_code(self, rig: np.ndarray) -> np.ndarray:  # [..., 53] -> [..., 256]
-        return rig.astype(np.float32) @ self.to_code
-
-    def vertices(self, codes: "Tensor") -> "Tensor":  # [B, T, 256] -> [B, T, V, 3] mm
-        """Offsets from rest; the neutral face cancels in every loss that compares two faces."""
-        flat = codes @ self.to_vertices
-        return flat.reshape(*codes.shape[:-1], -1, 3)
-
-
-def geometry() -> Geometry:
+def face() -> "Face":
+    """The frozen decoder as the losses see it; a vertex is measured from its place at rest."""
     import torch
 
+    from encoder.training.geometry import Face
     from render.decoder import Decoder
 
     decoder = Decoder.load()
-    chosen = np.unique(np.concatenate([decoder.regions[r][::n] for r, n in LOSS_VERTICES.items()]))
-    rows = (chosen[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
+    weights: dict[int, float] = {}
+    for region, (every, weight) in LOSS_VERTICES.items():
+        for vertex in decoder.regions[region][::every].tolist():
+            weights[vertex] = max(weight, weights.get(vertex, 0.0))
+    chosen = np.array(sorted(weights))
+    rows = (chosen[:, None] * 3 + np.arange(3)).ravel()
     dense = np.asarray(decoder.basis[rows].todense(), np.float32)  # [V * 3, 53]
-    return Geometry(decoder.to_code, torch.from_numpy(decoder.to_rig @ dense.T))
+    to_code, to_vertices = decoder.to_code, torch.from_numpy(decoder.to_rig @ dense.T)
+
+    def rig_to_code(rig: np.ndarray) -> np.ndarray:
+        return rig.astype(np.float32) @ to_code
+
+    def vertices(codes: "Tensor") -> "Tensor":
+        # in full precision: a third difference of halves would be noise
+        with torch.autocast(codes.device.type, enabled=False):
+            flat = codes.float() @ to_vertices.to(codes.device)
+        return flat.reshape(*codes.shape[:-1], -1, 3)
+
+    scale = torch.tensor([weights[int(v)] for v in chosen])
+    return Face(rig_to_code, vertices, scale / scale.mean())
 
 
 def run_stage(command: "Train") -> None:
-    """Run one of audio, diffusion, distill; states and the teacher live in `data`."""
+    """Run one stage. The teacher, states and streams live in `data`, a variant in its folder."""
     import torch
 
-    from encoder.inference import WEIGHTS
+    from encoder.training.loop import Run
+    from encoder.training.parallel import local_device
 
+    settings = _settings(command)
     torch.set_num_threads(1)
-    out = command.out or WEIGHTS
-    common: dict[str, Any] = {
-        "seed": command.seed,
-        "resume": command.resume,
-        "state": command.data / f"{command.stage}.state",
-        "note": (("command", _words(command)), ("commit", _commit())),
-    }
+    folder = command.data if command.variant == "none" else command.data / command.variant
+    run = Run(
+        state=folder / f"{command.stage}_state",
+        seed=command.seed,
+        resume=command.resume,
+        device=local_device(command.device),
+        precision=command.precision,
+        compile=command.compile,
+        note=(("command", _words(command)), ("commit", _commit())),
+    )
     if command.stage == "audio":
         from encoder.training import audio
 
-        audio.run(audio.preset(command.preset, pack=command.data, output=out / "audio", **common))
-        return
-    streams = _streams(command.data, out, command.seed)
-    face = geometry()
-    if command.stage == "diffusion":
-        from encoder.training import diffusion
-
-        config = diffusion.preset(
-            command.preset, streams=streams, output=command.data / "teacher", **common
+        output, heads = _audio(command, folder)
+        config = audio.preset(
+            command.preset, pack=command.data, output=output, heads=heads, run=run, **settings
         )
-        diffusion.run(config, face.rig_to_code, face.vertices)
+        audio.run(config)
     else:
-        from encoder.training import distill
+        _run_motion(command, folder, run, settings)
 
+
+def _run_motion(command: "Train", folder: Path, run: "Run", settings: dict[str, Any]) -> None:
+    from encoder.training import diffusion, distill
+
+    streams = _streams(command, folder)
+    if command.stage == "distill":
+        teacher = folder if command.variant != "no-dmd" else command.data
+        student = _weights(command) if command.variant == "none" else folder
         config = distill.preset(
-            command.preset,
-            streams=streams,
-            teacher=command.data / "teacher",
-            output=out / "student",
-            **common,
+            command.preset, streams=streams, teacher=teacher / "teacher",
+            output=student / "student", run=run, **settings,
+        )  # fmt: skip
+        distill.run(config, face())
+        return
+    output = folder / "teacher"
+    if command.stage == "regression":
+        output = folder / "regression"
+        settings["objective"] = "regression"
+    if command.variant == "offline":
+        from dataclasses import replace
+
+        sizes = diffusion.PRESETS[command.preset].get("denoiser", diffusion.DENOISERS["default"])
+        settings["denoiser"] = replace(sizes, causal=False)
+    config = diffusion.preset(command.preset, streams=streams, output=output, run=run, **settings)
+    diffusion.run(config, face())
+
+
+def _settings(command: "Train") -> dict[str, Any]:
+    """What the variant and the options change of the stage's preset."""
+    stages = VARIANTS[command.variant]
+    if command.variant != "none" and command.stage not in stages:
+        raise InputError(
+            f"--variant {command.variant}: expected one of the stages {', '.join(stages)}, got "
+            f"{command.stage}; other stages do not differ, train them without --variant"
         )
-        distill.run(config, face.rig_to_code, face.vertices)
+    settings = dict(stages.get(command.stage, {}))
+    if command.steps is not None:
+        settings["steps"] = command.steps
+    if command.start is not None:
+        names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
+        settings["start"] = command.start / names.get(command.stage, "regression")
+    return settings
 
 
-def _streams(data: Path, weights: Path, seed: int) -> Path:
+def _weights(command: "Train") -> Path:
+    from encoder.inference import WEIGHTS
+
+    return command.out or WEIGHTS
+
+
+def _audio(command: "Train", folder: Path) -> tuple[Path, Path]:
+    """Checkpoints of the audio encoder and of its heads."""
+    if command.variant == "centred":
+        return folder / "audio", folder / "audio_heads"
+    return _weights(command) / "audio", command.data / "audio_heads"
+
+
+def _streams(command: "Train", folder: Path) -> Path:
     """Features of the frozen audio encoder; made once for each audio checkpoint."""
-    from encoder.training import streams
+    from encoder.training import parallel, streams
 
-    path = data / "streams.npz"
-    audio = weights / "audio"
-    newest = audio.with_suffix(".safetensors")
-    if not path.exists() or path.stat().st_mtime < newest.stat().st_mtime:
-        heads = (data / "audio.state").with_suffix(".heads")
-        streams.run(
-            streams.StreamConfig(pack=data, audio=audio, heads=heads, output=path, seed=seed)
-        )
-    return path
+    audio, heads = _audio(command, folder)
+    config = streams.StreamConfig(
+        pack=command.data,
+        audio=audio,
+        heads=heads,
+        output=(folder if command.variant == "centred" else command.data) / "streams.npz",
+        minutes=command.stream_minutes,
+        seed=command.seed,
+    )
+    ranks = parallel.join(command.device)
+    if ranks.leads and not streams.are_made(config):
+        streams.run(config)
+    parallel.wait(ranks)
+    return config.output
 
 
 def _words(command: "Train") -> str:
-    return f"livedrive train {command.stage} --preset {command.preset} --seed {command.seed}"
+    variant = f" --variant {command.variant}" if command.variant != "none" else ""
+    return f"livedrive train {command.stage} --preset {command.preset}{variant}"
 
 
 def _commit() -> str:

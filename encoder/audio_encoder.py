@@ -101,6 +101,7 @@ class RunningNorm(nn.Module):
         batch, width, time = x.shape
         hops = x.reshape(batch, width, time // self.hop, self.hop)
         moments = torch.stack([hops.mean((1, 3)), hops.square().mean((1, 3))], -1)  # [B, N, 2]
+        moments = moments.to(self.prior)  # half precision would not sum over seconds
         if self.training:
             with torch.no_grad():
                 self.prior.lerp_(moments.mean((0, 1)), 0.02)
@@ -160,15 +161,22 @@ class AudioEncoder(nn.Module):
         """x [B, T, 1] with T a multiple of the stride -> features [B, T / stride, width]."""
         if x.shape[1] == 0:
             return x.new_zeros(x.shape[0], 0, self.config.width), state
-        state, x = dict(state), x.transpose(1, 2)
+        _, context, state = self.hidden(x, state)
+        return self.project(context), state
+
+    def hidden(self, x: Tensor, state: State) -> tuple[Tensor, Tensor, State]:
+        """x [B, T, 1] -> latents of the strided layers, their context [B, T / stride, C], state."""
+        state, x, latents = dict(state), x.transpose(1, 2), x
         for i, (conv, norm) in enumerate(self.layers()):
+            if i == len(self.convs):
+                latents = x
             y, state[f"conv{i}"] = conv.step(x, state[f"conv{i}"])
             if isinstance(norm, RunningNorm):
                 y, state["statistics"] = norm.step(y, state["statistics"])
             else:
                 y = norm(y)
             x = self.join(i, x, functional.relu(y))
-        return self.project(x.transpose(1, 2)), state
+        return latents.transpose(1, 2), x.transpose(1, 2), state
 
     def join(self, i: int, x: Tensor, y: Tensor) -> Tensor:
         """What leaves layer i with input x and activation y: log compression, then residuals."""

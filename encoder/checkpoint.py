@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 FORMAT = 1
-KINDS = ("audio", "diffusion", "student")
+KINDS = ("audio", "centred", "heads", "diffusion", "student", "eyes")
 Config = TypeVar("Config")
 
 
@@ -54,13 +54,13 @@ def save(path: Path | str, tensors: Mapping[str, Tensor], card: Mapping[str, Any
     partial.replace(path.with_name(path.name + ".json"))
 
 
-def load(path: Path | str, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
-    """Read and verify `path`.safetensors + `path`.json -> tensors, card."""
+def load(path: Path | str, *kinds: str) -> tuple[dict[str, Tensor], dict[str, Any]]:
+    """Read and verify `path`.safetensors + `path`.json of one of `kinds` -> tensors, card."""
     from safetensors import SafetensorError
     from safetensors.torch import load_file
 
     path = Path(path)
-    stage = "audio" if kind == "audio" else "diffusion"
+    stage = "diffusion" if {"diffusion", "student"} & {*kinds} else "audio"
 
     def fail(expected: str, got: object) -> InputError:
         remedy = f"restore the file or run `livedrive train {stage}`"
@@ -75,8 +75,8 @@ def load(path: Path | str, kind: str) -> tuple[dict[str, Tensor], dict[str, Any]
         raise fail("readable files", error) from error
     if not isinstance(card, dict) or card.get("format") != FORMAT:
         raise fail(f"a card of format {FORMAT}", "another")
-    if card.get("kind") != kind:
-        raise fail(f"kind {kind!r}", repr(card.get("kind")))
+    if card.get("kind") not in kinds:
+        raise fail(f"kind {' or '.join(map(repr, kinds))}", repr(card.get("kind")))
     if card.get("sha256") != tensors_sha256(tensors):
         raise fail("the tensors that the card was written for", "others")
     return tensors, card

@@ -31,6 +31,7 @@ class DenoiserConfig:
     ff_dim: int = 512
     heads: int = 4
     window: int = 25  # w: a frame sees itself and w frames before it
+    causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
     attention: Literal["softmax", "linear"] = "softmax"
     num_steps: int = 200  # N
 
@@ -188,7 +189,7 @@ class Denoiser(nn.Module):
         x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         positions = torch.arange(x.shape[1], device=x.device)
         lag = positions[:, None] - positions[None]
-        mask = (lag >= 0) & (lag <= self.config.window)
+        mask = (lag >= 0) & (lag <= self.config.window) | (not self.config.causal)
         rope, embedded = self._rope(positions), self._tau(tau)
         for block in self.blocks:
             x, _ = block(x, embedded, None, rope, mask)
@@ -197,6 +198,7 @@ class Denoiser(nn.Module):
     def init_state(self, batch: int) -> State:
         """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
         c, like = self.config, self.output.weight
+        assert c.causal, "an offline model has no stream"
         shape = (c.layers, batch, c.heads, c.window, c.dim // c.heads)
         frame = torch.zeros((), dtype=torch.int64)
         return {"keys": like.new_zeros(shape), "values": like.new_zeros(shape), "frame": frame}

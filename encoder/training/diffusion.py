@@ -1,13 +1,16 @@
 """Stage 2: train the diffusion model, the teacher E_orig (paper section 4.1).
 
-L = L_simple + lambda * L_vel: squared error of x0 in standardised code space, and of the velocity
-of face vertices. Audio and gaze are dropped at random so that guidance has an unconditional model.
+L = L_simple + lambda_vel L_vel + lambda_jitter L_jitter. Audio and gaze are dropped at random so
+that guidance has an unconditional model. Also from here: the offline teacher (full attention) and
+the regression baseline of table 3, the same network that never sees noise.
+
+Clips have 100 frames but a live stream has no end: clips start anywhere in streams of half a
+minute, positions are relative (RoPE), and a frame sees layers x window = 100 frames back at most.
 """
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -17,32 +20,34 @@ from encoder import checkpoint
 from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Schedule
-from encoder.training import loop
+from encoder.training import loop, parallel
+from encoder.training.geometry import Face, jitter_loss, velocity_loss
 from encoder.training.streams import AHEAD, GAZE_SCALE, Streams
+from sensors.types import InputError
 
 TRUTH = (
     "mouth: made by rules from phones, by a face tracker (GRID), or by rule-trained audio heads "
     "and loudness (other real voices); eyes, lids and brows: made by rules"
 )
-RigToCode = Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
-Vertices = Callable[[Tensor], Tensor]  # codes [B, T, 256] -> face vertices [B, T, V, 3] mm
 
 
 @dataclass(frozen=True, kw_only=True)
 class DiffusionConfig:
     streams: Path
     output: Path
-    state: Path
+    run: loop.Run
+    start: Path | None = None  # a checkpoint of the same config to go on from
+    objective: Literal["diffusion", "regression"] = "diffusion"
     denoiser: DenoiserConfig = field(default_factory=lambda: DENOISERS["default"])
     steps: int = 1750
     batch: int = 16
-    frames: int = 80
+    frames: int = 100
     rate: float = 1e-3
     drop: float = 0.2  # classifier-free guidance dropout of each condition
-    velocity_weight: float = 1.0  # per mm^2 of vertex velocity error
-    seed: int = 0
-    resume: bool = False
-    note: tuple[tuple[str, str], ...] = ()
+    last_share: float = 0.25  # of the draws are at tau = N, where the student will live
+    velocity_weight: float = 1.0  # per mm^2 a frame^2
+    jitter_weight: float = 0.02
+    jitter_normalised: bool = True
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -52,15 +57,10 @@ PRESETS: dict[str, dict[str, Any]] = {
         "denoiser": DENOISERS["paper"],
         "steps": 250_000,
         "batch": 256,
-        "frames": 100,
         "rate": 1e-4,
+        "last_share": 0.0,
     },
 }
-
-
-def velocity_loss(predicted: Tensor, truth: Tensor) -> Tensor:
-    """Vertices [B, T, V, 3] mm -> mean squared error of the frame-to-frame motion, mm^2."""
-    return (predicted - truth).diff(dim=1).square().sum(-1).mean()
 
 
 def weighted_error(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
@@ -79,8 +79,8 @@ def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
 @torch.no_grad()
 def fold_gaze(model: Denoiser, *, inverse: bool = False) -> Denoiser:
     """In place: from a model of (gaze - ahead) * scale, as trained, to one of plain gaze."""
-    ahead, columns = torch.tensor(AHEAD), slice(-len(AHEAD), None)
     weight, bias, null = model.input.weight, model.input.bias, model.null_condition
+    ahead, columns = torch.tensor(AHEAD, device=weight.device), slice(-len(AHEAD), None)
     if inverse:
         bias += weight[:, columns] @ ahead
         weight[:, columns] /= GAZE_SCALE
@@ -92,61 +92,116 @@ def fold_gaze(model: Denoiser, *, inverse: bool = False) -> Denoiser:
     return model
 
 
+def load_denoiser(path: Path, *kinds: str) -> tuple[Denoiser, dict[str, Any]]:
+    tensors, card = checkpoint.load(path, *kinds)
+    model = Denoiser(checkpoint.config_from(DenoiserConfig, card["config"]))
+    model.load_state_dict({key: value.float() for key, value in tensors.items()})
+    return model, card
+
+
+def draw_tau(count: int, num_steps: int, last_share: float, device: torch.device) -> Tensor:
+    """[B] int64: uniform over 1..N, with an extra share at N."""
+    tau = torch.randint(1, num_steps + 1, (count,), device=device)
+    last = torch.rand(count, device=device) < last_share
+    return torch.where(last, torch.full_like(tau, num_steps), tau)
+
+
+def geometry_losses(
+    predicted: Tensor, codes: Tensor, face: Face, config: Any
+) -> tuple[dict[str, Tensor], Tensor]:
+    """L_vel and L_jitter of codes [B, T, 256], and their weighted sum; config has the weights."""
+    guess, truth = face.vertices(predicted), face.vertices(codes)
+    parts = {"velocity": velocity_loss(guess, truth, face.weights)}
+    total = config.velocity_weight * parts["velocity"]
+    if config.jitter_weight:
+        parts["jitter"] = jitter_loss(
+            guess, truth, face.weights, normalised=config.jitter_normalised
+        )
+        total = total + config.jitter_weight * parts["jitter"]
+    return parts, total
+
+
 def losses(
     model: Denoiser,
     batch: tuple[Tensor, ...],  # codes, audio, gaze, weight
     schedule: Schedule,
-    vertices: Vertices,
+    face: Face,
     config: DiffusionConfig,
 ) -> dict[str, Tensor]:
     codes, audio, gaze, weight = batch
     x0 = model.standardise(codes)
-    # half of the draws at high noise: the student will live at tau = N
-    tau = torch.randint(1, schedule.num_steps + 1, (len(x0),))
-    tau = torch.where(torch.rand(len(x0)) < 0.25, torch.full_like(tau, schedule.num_steps), tau)
-    noisy = schedule.q_sample(x0, tau, torch.randn_like(x0))
-    keep = [torch.rand(len(x0)) >= config.drop for _ in range(2)]
-    predicted = model(noisy, tau, audio, gaze, keep_audio=keep[0], keep_condition=keep[1])
+    if config.objective == "regression":
+        tau = torch.full((len(x0),), schedule.num_steps, device=x0.device)
+        predicted = model(torch.zeros_like(x0), tau, audio, gaze)
+    else:
+        tau = draw_tau(len(x0), schedule.num_steps, config.last_share, x0.device)
+        noisy = schedule.q_sample(x0, tau, torch.randn_like(x0))
+        keep = [torch.rand(len(x0), device=x0.device) >= config.drop for _ in range(2)]
+        predicted = model(noisy, tau, audio, gaze, keep_audio=keep[0], keep_condition=keep[1])
     simple = weighted_error(predicted, x0, weight)
-    velocity = velocity_loss(vertices(model.unstandardise(predicted)), vertices(codes))
-    return {
-        "simple": simple,
-        "velocity": velocity,
-        "total": simple + config.velocity_weight * velocity,
-    }
+    parts, geometry = geometry_losses(model.unstandardise(predicted), codes, face, config)
+    return {"simple": simple, **parts, "total": simple + geometry}
 
 
-def run(config: DiffusionConfig, rig_to_code: RigToCode, vertices: Vertices) -> dict[str, float]:
-    """Train and write the teacher with its card; returns the smoothed losses."""
-    torch.manual_seed(config.seed)
-    streams = Streams.load(config.streams, rig_to_code)
-    model, schedule = Denoiser(config.denoiser), Schedule(config.denoiser.num_steps)
+def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
+    """Train and write the model with its card; returns the smoothed losses."""
+    ranks = parallel.join(config.run.device)
+    torch.manual_seed(config.run.seed)
+    streams = Streams.load(config.streams, face)
+    sizes = replace(config.denoiser, audio_dim=streams.features.shape[-1])
+    model, schedule = Denoiser(sizes), Schedule(sizes.num_steps)
     fit_scale(model, streams.codes)
+    if config.start is not None:
+        old, _ = load_denoiser(config.start, "diffusion", "student")
+        if old.config != sizes:
+            raise InputError(
+                f"--start {config.start}: expected a model of the same config, got another; "
+                "leave --start away or choose its preset"
+            )
+        model.load_state_dict(fold_gaze(old, inverse=True).state_dict())  # with its scale
+    model.to(config.run.device)
+    forward = torch.compile(losses) if config.run.compile else losses
 
-    def step_losses(step: int) -> dict[str, Tensor]:
-        batch = streams.draw(
-            config.batch, config.frames, np.random.default_rng([config.seed, step])
-        )
-        return losses(model, batch, schedule, vertices, config)
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        drawn = streams.draw(config.batch, config.frames, rng)
+        batch = tuple(tensor.to(config.run.device, non_blocking=True) for tensor in drawn)
+        return forward(model, batch, schedule, face, config)
 
-    modules = {"denoiser": model}
-    metrics = loop.train(
-        "diffusion", modules, loop.adamw(modules, config.rate), step_losses, steps=config.steps,
-        rate=config.rate, state_path=config.state, resume=config.resume,
+    metrics, curve = loop.train(
+        config.objective, {"denoiser": model}, step_losses,
+        steps=config.steps, rate=config.rate, run=config.run,
     )  # fmt: skip
-    card = {
-        "kind": "diffusion",
-        "config": asdict(config.denoiser),
-        "data": streams.sources,
-        "truth": TRUTH,
-        "steps": config.steps,
-        "seed": config.seed,
-        "metrics": {key: round(value, 5) for key, value in metrics.items()},
-        **dict(config.note),
-    }
-    checkpoint.save(config.output, fold_gaze(model).state_dict(), card)
+    if ranks.leads:
+        write(config, model, streams, config.run.card(metrics, curve))
+    parallel.wait(ranks)
     return metrics
 
 
+def write(
+    config: DiffusionConfig, model: Denoiser, streams: Streams, trained: dict[str, Any]
+) -> None:
+    """The regression baseline is written as a student that is deaf to noise: it runs live."""
+    regression = config.objective == "regression"
+    if regression:
+        with torch.no_grad():
+            model.input.weight[:, : model.config.expression_dim] = 0
+    card = {
+        "kind": "student" if regression else "diffusion",
+        "config": asdict(model.config),
+        "data": streams.about["sources"],
+        "audio_sha256": streams.about["audio_sha256"],
+        "truth": TRUTH,
+        "objective": config.objective,
+        "velocity_weight": config.velocity_weight,
+        "jitter_weight": config.jitter_weight,
+        "jitter_normalised": config.jitter_normalised,
+        "steps": config.steps,
+        **trained,
+    }
+    checkpoint.save(config.output, fold_gaze(model).state_dict(), card)
+
+
 def preset(name: str, **settings: Any) -> DiffusionConfig:
-    return replace(DiffusionConfig(**settings), **PRESETS[name])
+    """`settings` win over the preset."""
+    merged: dict[str, Any] = {**PRESETS[name], **settings}
+    return DiffusionConfig(**merged)

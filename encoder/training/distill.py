@@ -2,11 +2,12 @@
 
 L_distill pulls the student's single prediction to the teacher's iterated one (guidance included);
 L_DMD pushes its samples toward where the teacher finds them likelier than the student does;
-L_geom keeps the motion of the truth. tau starts on four steps and moves to tau = N (appendix).
+L_geom keeps the motion of the truth. tau is drawn from pi, a mixture of K Gaussians whose weights
+beta move in four updates from four steps to tau = N (appendix, after Chadebec et al. 2024).
 """
 
-from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,17 +17,17 @@ from torch import Tensor
 from tqdm import tqdm
 
 from encoder import checkpoint
-from encoder.denoiser import Denoiser, DenoiserConfig
+from encoder.denoiser import Denoiser
 from encoder.diffusion import Guidance, Schedule, ddim_taus, guided
-from encoder.training import loop
+from encoder.training import loop, parallel
 from encoder.training.diffusion import (
     TRUTH,
-    RigToCode,
-    Vertices,
     fold_gaze,
-    velocity_loss,
+    geometry_losses,
+    load_denoiser,
     weighted_error,
 )
+from encoder.training.geometry import Face
 from encoder.training.streams import Streams
 
 
@@ -35,42 +36,68 @@ class DistillConfig:
     streams: Path
     teacher: Path  # diffusion checkpoint, without suffix
     output: Path
-    state: Path
+    run: loop.Run
+    start: Path | None = None  # an earlier student to go on from, instead of the teacher
     steps: int = 640
     batch: int = 16
-    frames: int = 80
+    frames: int = 100
     rate: float = 3e-4
+    # K = 40 of the paper costs 40 teacher passes a sample; 6 fit the default into CPU hours
     ddim_steps: int = 6
-    pool: int = 16  # batches of teacher samples a phase trains on
+    pool: int = 16  # batches of teacher samples held at a time
+    reuse: int = 4  # times each is trained on before new ones are drawn
+    update_share: float = 0.08  # of the steps between updates of beta (2K of 25K in the paper)
     guidance: Guidance = Guidance(weight=1.15)
     dmd_weight: float = 0.05
     velocity_weight: float = 1.0
+    jitter_weight: float = 0.02
+    jitter_normalised: bool = True
     truth_weight: float = 2.0  # rest and closures stay the truth's, not an average sample's
-    seed: int = 0
-    resume: bool = False
-    note: tuple[tuple[str, str], ...] = ()
 
 
 PRESETS: dict[str, dict[str, Any]] = {
     "debug": {"steps": 2, "batch": 2, "frames": 12, "ddim_steps": 4, "pool": 2},
     "default": {},
-    "paper": {"steps": 25_000, "frames": 100, "rate": 1e-5, "ddim_steps": 40, "pool": 400},
+    "paper": {
+        "steps": 25_000,
+        "rate": 1e-5,
+        "ddim_steps": 40,
+        "pool": 100,
+        "reuse": 1,
+        "guidance": Guidance(weight=1.0),
+        "dmd_weight": 1.0,
+        "truth_weight": 0.0,
+    },
 }
-NUM_MODES = 40  # K: Gaussians in the mixture pi(tau), one a DDIM step of the paper
-# Weights of tau / N = 0.25, 0.5, 0.75, 1 in each phase: from four steps to one.
-PHASES = (
+NUM_MODES = 40  # K: Gaussians in pi, one a DDIM step of the paper
+SPREAD = 0.5**0.5 / NUM_MODES**2
+# beta of the modes at tau / N = 0.25, 0.5, 0.75, 1; all others have none
+_PHASES = (
     (0.25, 0.25, 0.25, 0.25),
+    (0.2, 0.2, 0.25, 0.35),
     (0.1, 0.15, 0.25, 0.5),
     (0.0, 0.05, 0.15, 0.8),
     (0.0, 0.0, 0.0, 1.0),
 )
 
 
+def beta(phase: int) -> np.ndarray:
+    """[K] weights of the Gaussians with means i / K, i = 1..K, after `phase` of four updates."""
+    weights = np.zeros(NUM_MODES)
+    quarter = NUM_MODES // 4
+    weights[quarter - 1 :: quarter] = _PHASES[phase]
+    return weights
+
+
 def draw_tau(phase: int, num_steps: int, rng: np.random.Generator) -> int:
-    """One tau from pi: a Gaussian of spread sqrt(0.5) / K^2 about a quarter of N."""
-    mean = (rng.choice(4, p=PHASES[phase]) + 1) / 4
-    tau = rng.normal(mean, 0.5**0.5 / NUM_MODES**2) * num_steps
-    return int(np.clip(round(tau), 1, num_steps))
+    """One tau from pi."""
+    mean = (rng.choice(NUM_MODES, p=beta(phase)) + 1) / NUM_MODES
+    return int(np.clip(round(rng.normal(mean, SPREAD) * num_steps), 1, num_steps))
+
+
+def phase_at(step: int, config: DistillConfig) -> int:
+    """How often beta was updated before this step."""
+    return min(int(step / max(config.update_share * config.steps, 1)), len(_PHASES) - 1)
 
 
 @torch.no_grad()
@@ -84,7 +111,7 @@ def iterate(
     config: DistillConfig,
 ) -> Tensor:
     """E_orig^iter: DDIM from `tau` down, guided -> x0 [B, T, 256]."""
-    nothing = torch.zeros(len(x), dtype=torch.bool)
+    nothing = torch.zeros(len(x), dtype=torch.bool, device=x.device)
 
     def model(x: Tensor, tau: Tensor, conditioned: bool) -> Tensor:
         keep = None if conditioned else nothing
@@ -92,7 +119,7 @@ def iterate(
 
     below = [t for t in ddim_taus(schedule.num_steps, config.ddim_steps) if t < tau]
     for here, there in zip([tau, *below], [*below, 0], strict=True):
-        batch_tau = torch.full((len(x),), here)
+        batch_tau = torch.full((len(x),), here, device=x.device)
         x0 = guided(model, x, batch_tau, config.guidance)
         signal, sigma = schedule.coefficients(batch_tau, x)
         x = schedule.q_sample(x0, torch.full_like(batch_tau, there), (x - signal * x0) / sigma)
@@ -108,6 +135,7 @@ def dmd_loss(
     """
     with torch.no_grad():
         tau = torch.randint(schedule.num_steps // 50, int(0.98 * schedule.num_steps) + 1, (len(z),))
+        tau = tau.to(z.device)
         noisy = schedule.q_sample(z, tau, torch.randn_like(z))
         real, fake = teacher(noisy, tau, audio, gaze), student(noisy, tau, audio, gaze)
         scale = (z - real).abs().mean((1, 2), keepdim=True) + 1e-3
@@ -118,22 +146,43 @@ def dmd_loss(
 Sample = tuple[Tensor, int, Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
-def make_pool(
-    phase: int, teacher: Denoiser, streams: Streams, schedule: Schedule, config: DistillConfig
-) -> list[Sample]:
-    """Batches (x_tau, tau, codes, audio, gaze, weight, teacher's x0) of a phase, from its seed."""
-    pool = []
-    for index in tqdm(range(config.pool), desc=f"teacher {phase}", mininterval=2):
-        rng = np.random.default_rng([config.seed, phase, index])
-        codes, audio, gaze, weight = streams.draw(config.batch, config.frames, rng)
-        tau = draw_tau(phase, schedule.num_steps, rng)
-        noise = torch.tensor(rng.standard_normal(codes.shape, dtype=np.float32))
-        x = schedule.q_sample(teacher.standardise(codes), torch.full((len(codes),), tau), noise)
-        if tau == schedule.num_steps:
-            x = noise  # what the live path starts from
-        target = iterate(teacher, x, tau, audio, gaze, schedule, config)
-        pool.append((x, tau, codes, audio, gaze, weight, target))
-    return pool
+class Pools:
+    """Teacher samples for each step; a pool is made when its first step comes or is resumed."""
+
+    def __init__(
+        self, teacher: Denoiser, streams: Streams, schedule: Schedule, config: DistillConfig
+    ) -> None:
+        self.teacher, self.streams, self.schedule = teacher, streams, schedule
+        self.config, self.ranks = config, parallel.join(config.run.device)
+        self.key: tuple[int, int] | None = None
+        self.samples: list[Sample] = []
+
+    def at(self, step: int, rng: np.random.Generator) -> Sample:
+        key = (phase_at(step, self.config), step // (self.config.pool * self.config.reuse))
+        if key != self.key:
+            self.key, self.samples = key, list(self._make(*key))
+        return self.samples[rng.integers(len(self.samples))]
+
+    def _make(self, phase: int, turn: int) -> Iterator[Sample]:
+        """Batches (x_tau, tau, codes, audio, gaze, weight, teacher's x0)."""
+        config, schedule = self.config, self.schedule
+        indices = tqdm(
+            range(config.pool), desc=f"teacher, beta {phase}", mininterval=2, leave=False,
+            disable=not self.ranks.leads,
+        )  # fmt: skip
+        for index in indices:
+            seeds = [config.run.seed, phase, turn, index, self.ranks.rank]
+            rng = np.random.default_rng(seeds)
+            drawn = self.streams.draw(config.batch, config.frames, rng)
+            codes, audio, gaze, weight = (tensor.to(config.run.device) for tensor in drawn)
+            tau = draw_tau(phase, schedule.num_steps, rng)
+            noise = torch.tensor(rng.standard_normal(codes.shape, dtype=np.float32)).to(codes)
+            batch_tau = torch.full((len(codes),), tau, device=codes.device)
+            x = schedule.q_sample(self.teacher.standardise(codes), batch_tau, noise)
+            if tau == schedule.num_steps:
+                x = noise  # what the live path starts from
+            target = iterate(self.teacher, x, tau, audio, gaze, schedule, config)
+            yield x, tau, codes, audio, gaze, weight, target
 
 
 def losses(
@@ -141,84 +190,64 @@ def losses(
     teacher: Denoiser,
     sample: Sample,
     schedule: Schedule,
-    vertices: Vertices,
+    face: Face,
     config: DistillConfig,
 ) -> dict[str, Tensor]:
     x, tau, codes, audio, gaze, weight, target = sample
-    z = student(x, torch.full((len(x),), tau), audio, gaze)
-    result = {
-        "distill": (z - target).square().mean(),
-        "truth": weighted_error(z, student.standardise(codes), weight),
-        "velocity": velocity_loss(vertices(student.unstandardise(z)), vertices(codes)),
-    }
-    total = result["distill"] + config.truth_weight * result["truth"]
-    total = total + config.velocity_weight * result["velocity"]
+    z = student(x, torch.full((len(x),), tau, device=x.device), audio, gaze)
+    result = {"distill": (z - target).square().mean()}
+    total = result["distill"]
+    if config.truth_weight:
+        result["truth"] = weighted_error(z, student.standardise(codes), weight)
+        total = total + config.truth_weight * result["truth"]
+    parts, geometry = geometry_losses(student.unstandardise(z), codes, face, config)
+    total = total + geometry
     if config.dmd_weight:
         result["dmd"] = dmd_loss(student, teacher, z, audio, gaze, schedule)
         total = total + config.dmd_weight * result["dmd"]
-    return result | {"total": total}
+    return {**result, **parts, "total": total}
 
 
-def load_denoiser(path: Path, kind: str) -> tuple[Denoiser, dict[str, Any]]:
-    tensors, card = checkpoint.load(path, kind)
-    model = Denoiser(checkpoint.config_from(DenoiserConfig, card["config"]))
-    model.load_state_dict({key: value.float() for key, value in tensors.items()})
-    return model, card
-
-
-def phases_of(
-    steps: int, make: Callable[[int], list[Sample]]
-) -> Callable[[int], tuple[int, list[Sample]]]:
-    """step -> (phase, its pool); a pool is made when its phase begins or is resumed."""
-    held: dict[int, list[Sample]] = {}
-
-    def at(step: int) -> tuple[int, list[Sample]]:
-        phase = min(step * len(PHASES) // steps, len(PHASES) - 1)
-        if phase not in held:
-            held.clear()
-            held[phase] = make(phase)
-        return phase, held[phase]
-
-    return at
-
-
-def run(config: DistillConfig, rig_to_code: RigToCode, vertices: Vertices) -> dict[str, float]:
+def run(config: DistillConfig, face: Face) -> dict[str, float]:
     """Distil and write the student with its card; returns the smoothed losses."""
-    streams = Streams.load(config.streams, rig_to_code)
+    ranks = parallel.join(config.run.device)
+    streams = Streams.load(config.streams, face)
     teacher, card = load_denoiser(config.teacher, "diffusion")
-    student, _ = load_denoiser(config.teacher, "diffusion")  # starts as the teacher
+    first = config.start or config.teacher  # the paper's student starts as the teacher
+    student, _ = load_denoiser(first, "diffusion", "student")
     for model in (teacher, student):
-        fold_gaze(model, inverse=True)
+        fold_gaze(model, inverse=True).to(config.run.device)
     teacher.requires_grad_(False)
     schedule = Schedule(teacher.config.num_steps)
-    at = phases_of(config.steps, lambda phase: make_pool(phase, teacher, streams, schedule, config))
+    pools = Pools(teacher, streams, schedule, config)
+    forward = torch.compile(losses) if config.run.compile else losses
 
-    def step_losses(step: int) -> dict[str, Tensor]:
-        _, pool = at(step)
-        sample = pool[np.random.default_rng([config.seed, step]).integers(len(pool))]
-        return losses(student, teacher, sample, schedule, vertices, config)
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        return forward(student, teacher, pools.at(step, rng), schedule, face, config)
 
-    modules = {"student": student}
-    metrics = loop.train(
-        "distill", modules, loop.adamw(modules, config.rate), step_losses, steps=config.steps,
-        rate=config.rate, state_path=config.state, resume=config.resume,
+    metrics, curve = loop.train(
+        "distill", {"student": student}, step_losses, steps=config.steps, rate=config.rate,
+        run=config.run,
     )  # fmt: skip
-    card = {
-        "kind": "student",
-        "config": asdict(student.config),
-        "data": streams.sources,
-        "truth": TRUTH,
-        "teacher": {key: card[key] for key in ("steps", "seed", "metrics", "sha256")},
-        "guidance": asdict(config.guidance),
-        "ddim_steps": config.ddim_steps,
-        "steps": config.steps,
-        "seed": config.seed,
-        "metrics": {key: round(value, 5) for key, value in metrics.items()},
-        **dict(config.note),
-    }
-    checkpoint.save(config.output, loop.halved(fold_gaze(student).state_dict()), card)
+    if ranks.leads:
+        facts = {
+            "kind": "student",
+            "config": asdict(student.config),
+            "data": streams.about["sources"],
+            "audio_sha256": streams.about["audio_sha256"],
+            "truth": TRUTH,
+            "teacher": {key: card[key] for key in ("steps", "seed", "metrics", "sha256")},
+            "guidance": asdict(config.guidance),
+            "ddim_steps": config.ddim_steps,
+            "steps": config.steps,
+            **config.run.card(metrics, curve),
+        }
+        checkpoint.save(config.output, loop.halved(fold_gaze(student).state_dict()), facts)
+    parallel.wait(ranks)
     return metrics
 
 
 def preset(name: str, **settings: Any) -> DistillConfig:
-    return replace(DistillConfig(**settings), **PRESETS[name])
+    """`settings` win over the preset."""
+    merged: dict[str, Any] = {**PRESETS[name], **settings}
+    return DistillConfig(**merged)

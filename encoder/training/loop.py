@@ -1,18 +1,53 @@
-"""What all stages share: a resumable loop with a progress bar that Ctrl-C leaves safely."""
+"""What all stages share: a resumable loop with moving averages, mixed precision and many processes.
 
+A run's state is ONE safetensors file (weights, averages, optimiser; step and loss curve as JSON in
+its header), replaced as a whole: killed at any moment, the last one is good.
+"""
+
+import json
 import time
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from math import cos, pi
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
+import numpy as np
 import torch
-from torch import nn
+from safetensors import SafetensorError, safe_open
+from safetensors.torch import save_file
+from torch import Tensor, nn
 from tqdm import tqdm
 
+from encoder.training import parallel
 from sensors.types import InputError
 
 SAVE_SECONDS = 60.0
+CURVE_POINTS = 200  # of the loss curve in a card
+Losses = dict[str, Tensor]
+StepLosses = Callable[[int, np.random.Generator], Losses]  # (step, its random source) -> losses
+
+
+@dataclass(frozen=True, kw_only=True)
+class Run:
+    """How a stage runs, whatever it trains."""
+
+    state: Path  # without suffix
+    seed: int = 0
+    resume: bool = False
+    device: str = "cpu"
+    precision: Literal["float32", "bfloat16"] = "float32"  # of the networks' products
+    compile: bool = False  # torch.compile: fused kernels, minutes to start
+    average: float = 0.999  # decay of the moving average (EMA) that is written at the end
+    note: tuple[tuple[str, str], ...] = ()  # goes into the card: command, commit, ...
+
+    def card(self, metrics: Mapping[str, float], curve: "Curve") -> dict[str, Any]:
+        """The part of a checkpoint's card that every stage has."""
+        rounded = {key: round(value, 5) for key, value in metrics.items()}
+        return {"seed": self.seed, "metrics": rounded, "curve": curve, **dict(self.note)}
+
+
+Curve = dict[str, list[float]]  # "step" and each loss, thinned to CURVE_POINTS
 
 
 def cosine(step: int, steps: int, peak: float, warmup: int = 50) -> float:
@@ -23,7 +58,7 @@ def cosine(step: int, steps: int, peak: float, warmup: int = 50) -> float:
     return peak * (0.02 + 0.98 * (0.5 + 0.5 * cos(pi * min(done, 1.0))))
 
 
-def halved(tensors: Mapping[str, torch.Tensor]) -> dict[str, torch.Tensor]:
+def halved(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Matrices as float16, to ship small; vectors and statistics keep their precision."""
     return {
         name: tensor.half() if tensor.is_floating_point() and tensor.ndim > 1 else tensor
@@ -36,65 +71,148 @@ def adamw(modules: Mapping[str, nn.Module], rate: float) -> torch.optim.AdamW:
     return torch.optim.AdamW(parameters, lr=rate, betas=(0.9, 0.98), weight_decay=0.01)
 
 
+class Average:
+    """Exponential moving average of the trained parameters; young averages follow faster."""
+
+    def __init__(self, parameters: list[Tensor], decay: float) -> None:
+        self.parameters, self.decay = parameters, decay
+        self.values = [p.detach().clone() for p in parameters]
+
+    @torch.no_grad()
+    def update(self, step: int) -> None:
+        keep = min(self.decay, (1 + step) / (10 + step))
+        for value, parameter in zip(self.values, self.parameters, strict=True):
+            value.lerp_(parameter, 1 - keep)
+
+    @torch.no_grad()
+    def use(self) -> None:
+        """Put the averages where the parameters are."""
+        for parameter, value in zip(self.parameters, self.values, strict=True):
+            parameter.copy_(value)
+
+
+class _State:
+    """What a run is at a step, to and from its file."""
+
+    def __init__(
+        self, modules: Mapping[str, nn.Module], optimizer: torch.optim.Optimizer, decay: float
+    ) -> None:
+        self.modules, self.optimizer = modules, optimizer
+        self.parameters = [p for group in optimizer.param_groups for p in group["params"]]
+        self.average = Average(self.parameters, decay)
+        self.step = 0
+        self.smooth: dict[str, float] = {}
+        self.curve: Curve = {"step": []}
+
+    def note(self, losses: Losses, every: int) -> None:
+        for key, tensor in losses.items():
+            value = float(tensor.detach())
+            old = self.smooth.get(key, value)
+            self.smooth[key] = old + 0.03 * (value - old)
+        if self.step % every == 0:
+            self.curve["step"].append(self.step)
+            for key, value in self.smooth.items():
+                self.curve.setdefault(key, []).append(round(value, 5))
+
+    def save(self, path: Path) -> None:
+        tensors = {
+            f"{key}/{name}": tensor
+            for key, module in self.modules.items()
+            for name, tensor in module.state_dict().items()
+        }
+        for index, (parameter, value) in enumerate(
+            zip(self.parameters, self.average.values, strict=True)
+        ):
+            tensors[f"average/{index}"] = value
+            for name, tensor in self.optimizer.state.get(parameter, {}).items():
+                tensors[f"optimizer/{index}/{name}"] = tensor
+        words = json.dumps({"step": self.step, "smooth": self.smooth, "curve": self.curve})
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial = path.with_suffix(".partial")
+        save_file(
+            {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()},
+            partial,
+            {"run": words},
+        )
+        partial.replace(path)
+
+    def load(self, path: Path) -> None:
+        try:
+            with safe_open(path, "pt") as file:
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+                run = json.loads((file.metadata() or {})["run"])
+        except (FileNotFoundError, SafetensorError, KeyError) as error:
+            raise InputError(
+                f"--resume: expected the state of a run in {path}, got {error}; "
+                "run the stage without --resume"
+            ) from error
+        for key, module in self.modules.items():
+            prefix = f"{key}/"
+            module.load_state_dict(
+                {n.removeprefix(prefix): t for n, t in tensors.items() if n.startswith(prefix)}
+            )
+        for index, parameter in enumerate(self.parameters):
+            self.average.values[index].copy_(tensors[f"average/{index}"])
+            prefix = f"optimizer/{index}/"
+            self.optimizer.state[parameter] = {
+                n.removeprefix(prefix): t if n.endswith("/step") else t.to(parameter.device)
+                for n, t in tensors.items()
+                if n.startswith(prefix)
+            }
+        self.step, self.smooth, self.curve = run["step"], run["smooth"], run["curve"]
+
+
 def train(
     name: str,
     modules: Mapping[str, nn.Module],
-    optimizer: torch.optim.Optimizer,
-    step_losses: Callable[[int], dict[str, torch.Tensor]],
+    step_losses: StepLosses,
     *,
     steps: int,
     rate: float,
-    state_path: Path,
-    resume: bool,
-) -> dict[str, float]:
-    """Run `step_losses(step) -> {name: loss}` up to `steps`, minimising "total".
+    run: Run,
+) -> tuple[dict[str, float], Curve]:
+    """AdamW on the "total" of `step_losses` up to `steps`; leaves the averages in `modules`.
 
-    The whole state goes to `state_path` about once a minute, at the end, and on Ctrl-C (which is
-    raised again afterwards). Every step draws from its own seed, so a resumed run goes on exactly
-    like an unbroken one. Returns smoothed losses.
+    The whole state is written about once a minute, at the end, and on Ctrl-C (which is raised again
+    afterwards). Every step of every process has its own random source, so a resumed run goes on
+    exactly like an unbroken one. Returns smoothed losses and their curve.
     """
-    first = 0
-    if resume:
-        if not state_path.is_file():
-            raise InputError(
-                f"--resume: expected {state_path}, found none; run the stage without --resume"
-            )
-        state = torch.load(state_path, weights_only=True)
-        first = state["step"]
-        optimizer.load_state_dict(state["optimizer"])
-        for key, module in modules.items():
-            module.load_state_dict(state[key])
-
-    def save(step: int) -> None:
-        state: dict[str, Any] = {"step": step, "optimizer": optimizer.state_dict()}
-        state.update({key: module.state_dict() for key, module in modules.items()})
-        state_path.parent.mkdir(parents=True, exist_ok=True)
-        partial = state_path.with_suffix(".partial")
-        torch.save(state, partial)
-        partial.replace(state_path)
-
-    smooth: dict[str, float] = {}
-    done, saved_at = first, time.monotonic()
-    bar = tqdm(range(first, steps), initial=first, total=steps, desc=name, mininterval=2)
+    ranks = parallel.join(run.device)
+    optimizer = adamw(modules, rate)
+    state = _State(modules, optimizer, run.average)
+    path = run.state.with_suffix(".safetensors")
+    if run.resume:
+        state.load(path)
+    device_type = torch.device(run.device).type
+    saved_at = time.monotonic()
+    bar = tqdm(
+        range(state.step, steps), initial=state.step, total=steps, desc=name, mininterval=2,
+        disable=not ranks.leads,
+    )  # fmt: skip
     try:
         for step in bar:
             for group in optimizer.param_groups:
                 group["lr"] = cosine(step, steps, rate)
-            torch.manual_seed(step)
-            losses = step_losses(step)
+            rng = np.random.default_rng([run.seed, step, ranks.rank])
+            torch.manual_seed(int(rng.integers(1 << 62)))
+            with torch.autocast(device_type, torch.bfloat16, run.precision == "bfloat16"):
+                losses = step_losses(step, rng)
             optimizer.zero_grad(set_to_none=True)
             losses["total"].backward()
-            parameters = [p for group in optimizer.param_groups for p in group["params"]]
-            nn.utils.clip_grad_norm_(parameters, 1.0)
+            parallel.average_gradients(state.parameters, ranks)
+            nn.utils.clip_grad_norm_(state.parameters, 1.0)
             optimizer.step()
-            done = step + 1
-            for key, value in losses.items():
-                old = smooth.get(key, float(value.detach()))
-                smooth[key] = old + 0.03 * (float(value.detach()) - old)
-            bar.set_postfix({key: f"{value:.3g}" for key, value in smooth.items()}, refresh=False)
-            if time.monotonic() - saved_at > SAVE_SECONDS:
-                save(done)
+            state.step = step + 1
+            state.average.update(step)
+            state.note(losses, max(1, steps // CURVE_POINTS))
+            shown = {key: f"{value:.3g}" for key, value in state.smooth.items()}
+            bar.set_postfix(shown, refresh=False)
+            if ranks.leads and time.monotonic() - saved_at > SAVE_SECONDS:
+                state.save(path)
                 saved_at = time.monotonic()
     finally:
-        save(done)
-    return smooth
+        if ranks.leads:
+            state.save(path)
+    parallel.average_buffers((b for m in modules.values() for b in m.buffers()), ranks)
+    state.average.use()
+    return state.smooth, state.curve

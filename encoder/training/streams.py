@@ -6,21 +6,22 @@ and encoded once. Voices without tracked motion get labels from the audio stage'
 """
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 from tqdm import tqdm
 
-from encoder import checkpoint
-from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
+from encoder.audio_encoder import AudioEncoder
 from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, SPEECH_COLUMNS
-from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest, read_pack
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest
 from encoder.capture.motion import closing_weight, upper_face
-from encoder.training.audio import Heads, Outputs, load_heads, stacked
+from encoder.training.audio import grouped, load_encoder, stacked
 from encoder.training.augment import Crop, crop
+from encoder.training.geometry import Face
+from encoder.training.heads import Heads, Outputs, load_heads
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +33,6 @@ class StreamConfig:
     minutes: float = 80.0
     stream_frames: int = 900
     seed: int = 0
-    split: str = "train"
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.5),
         ("tracked", 0.15),
@@ -88,9 +88,7 @@ def draw_stream(
 
 def run(config: StreamConfig) -> Path:
     """Encode and write features [S, T, A], rig [S, T, 53], gaze [S, T, 6], all float16."""
-    groups: dict[str, list[Clip]] = {}
-    for clip in read_pack(config.pack, config.split):
-        groups.setdefault(clip.truth, []).append(clip)
+    groups = grouped(config.pack, "train")
     encoder, heads = load_encoder(config.audio), load_heads(config.heads)
     predict = _predictor(encoder, heads)
     count = max(1, round(config.minutes * 1800 / config.stream_frames))
@@ -103,18 +101,24 @@ def run(config: StreamConfig) -> Path:
         rows.append([array.astype(np.float16) for array in (features, rig, gaze)])
     features, rig, gaze = (np.stack(arrays) for arrays in zip(*rows, strict=True))
     config.output.parent.mkdir(parents=True, exist_ok=True)
-    sources = json.dumps(read_manifest(config.pack)["sources"])
-    np.savez(config.output, features=features, rig=rig, gaze=gaze, sources=np.array(sources))
+    about = json.dumps({"sources": read_manifest(config.pack)["sources"], **made_from(config)})
+    np.savez(config.output, features=features, rig=rig, gaze=gaze, about=np.array(about))
     return config.output
 
 
-def load_encoder(path: Path) -> AudioEncoder:
-    tensors, card = checkpoint.load(path, "audio")
-    encoder = AudioEncoder(checkpoint.config_from(AudioEncoderConfig, card["config"]))
-    encoder.load_state_dict(
-        {k: v.float() if v.is_floating_point() else v for k, v in tensors.items()}
-    )
-    return encoder.eval()
+def made_from(config: StreamConfig) -> dict[str, Any]:
+    """What streams depend on beside the pack: another encoder or seed makes other streams."""
+    audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
+    return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
+
+
+def are_made(config: StreamConfig) -> bool:
+    """Do the streams of this config lie in its output already?"""
+    if not config.output.is_file():
+        return False
+    with np.load(config.output, allow_pickle=False) as data:
+        about = json.loads(str(data["about"])) if "about" in data else {}
+    return made_from(config).items() <= about.items()
 
 
 def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
@@ -151,19 +155,19 @@ class Streams:
     codes: np.ndarray  # [S, T, 256] float32
     gaze: np.ndarray  # [S, T, 6] float16
     weight: np.ndarray  # [S, T] float32, of a frame's error
-    sources: dict[str, str]  # what was heard and seen -> its licence
+    about: dict[str, Any]  # "sources": what was heard and seen -> its licence; "audio_sha256"
 
     @staticmethod
-    def load(path: Path, rig_to_code: Callable[[np.ndarray], np.ndarray]) -> "Streams":
+    def load(path: Path, face: Face) -> "Streams":
         with np.load(path, allow_pickle=False) as data:
             rig = data["rig"].astype(np.float32)
-            codes = rig_to_code(rig).astype(np.float32)
+            codes = face.rig_to_code(rig).astype(np.float32)
             rest = rig[..., list(SPEECH_COLUMNS)].max(-1) < 0.01
             weight = np.where(rest, REST_WEIGHT, 1.0).astype(np.float32)
             weight = np.where(_shut(rig), np.float32(SHUT_WEIGHT), weight)
             weight = np.where(rig[..., BLINK] > 0.4, np.float32(BLINK_WEIGHT), weight)
-            sources = json.loads(str(data["sources"]))
-            return Streams(data["features"], codes, data["gaze"], weight, sources)
+            about = json.loads(str(data["about"]))
+            return Streams(data["features"], codes, data["gaze"], weight, about)
 
     def draw(self, batch: int, frames: int, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
         """Random windows: codes [B, T, 256], audio [B, T, A], scaled gaze [B, T, 6], weight."""

@@ -1,7 +1,9 @@
 """Training stages: debug presets run 2 steps and resume to 4, and each loss can reach one batch."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,24 +15,26 @@ from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_NAMES
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.diffusion import Schedule
 from encoder.training import audio, augment, diffusion, distill, loop, streams
+from encoder.training.centred import CentredEncoder
+from encoder.training.geometry import Face
+from encoder.training.heads import HEADS
 from sensors.types import InputError
 
 BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
-
-
-def rig_to_code(rig: np.ndarray) -> np.ndarray:
-    return rig @ BASIS * 10
 
 
 def vertices(codes: torch.Tensor) -> torch.Tensor:
     return (codes @ torch.tensor(BASIS.T))[..., :30].unflatten(-1, (10, 3))
 
 
+FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10))
+
+
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six clips of tones: loud is open."""
+    """Eight clips of tones: loud is open."""
     folder, rng, clips = tmp_path_factory.mktemp("pack"), np.random.default_rng(0), []
-    for truth in (*audio.HEADS, "rest") * 2:
+    for truth in (*HEADS, "rest") * 2:
         level = np.clip(np.sin(np.arange(40) * 0.5 + rng.uniform(0, 6)), 0, 1)
         level = level * (truth != "rest")
         sound = np.repeat(level, 1600) * np.sin(np.arange(40 * 1600) * 0.05) * 0.3
@@ -44,52 +48,90 @@ def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+def run_twice(stage: Any, config: Any, *rest: Any) -> None:
+    """Two steps, then resume to four."""
+    stage.run(replace(config, steps=2), *rest)
+    stage.run(replace(config, steps=4, run=replace(config.run, resume=True)), *rest)
+
+
+def settings(out: Path, name: str, **more: Any) -> dict[str, Any]:
+    return {"output": out / name, "run": loop.Run(state=out / f"{name}_state"), **more}
+
+
 @pytest.fixture(scope="module")
 def stages(pack: Path) -> Path:
-    """The folder in which all stages ran their debug preset, each stopped at 2 and resumed to 4."""
+    """The folder in which all stages ran their debug preset."""
     out = pack / "out"
-    sound = audio.preset("debug", pack=pack, output=out / "audio", state=out / "audio.state")
-    audio.run(sound)
-    audio.run(replace(sound, steps=4, resume=True))
-    streams.run(
-        streams.StreamConfig(
-            pack=pack, audio=out / "audio", heads=out / "audio.heads",
-            output=out / "streams.npz", minutes=0.2, stream_frames=60,
-        )
+    heads = out / "heads"
+    run_twice(audio, audio.preset("debug", **settings(out, "audio", pack=pack, heads=heads)))
+    made = streams.StreamConfig(
+        pack=pack, audio=out / "audio", heads=heads, output=out / "streams.npz",
+        minutes=0.2, stream_frames=60,
     )  # fmt: skip
-    width = checkpoint.load(out / "audio", "audio")[1]["config"]["feature_dim"] * 4
-    teacher = diffusion.preset(
-        "debug", streams=out / "streams.npz", output=out / "teacher", state=out / "teacher.state"
-    )
-    teacher = replace(teacher, denoiser=replace(teacher.denoiser, audio_dim=width))
-    diffusion.run(teacher, rig_to_code, vertices)
-    diffusion.run(replace(teacher, steps=4, resume=True), rig_to_code, vertices)
-    student = distill.preset(
-        "debug", streams=out / "streams.npz", teacher=out / "teacher", output=out / "student",
-        state=out / "student.state",
-    )  # fmt: skip
-    distill.run(student, rig_to_code, vertices)
-    distill.run(replace(student, steps=4, resume=True), rig_to_code, vertices)
+    assert not streams.are_made(made)
+    streams.run(made)
+    assert streams.are_made(made) and not streams.are_made(replace(made, seed=1))
+    motion = {"streams": made.output}
+    run_twice(diffusion, diffusion.preset("debug", **settings(out, "teacher", **motion)), FACE)
+    regression = settings(out, "regression", objective="regression", **motion)
+    run_twice(diffusion, diffusion.preset("debug", **regression), FACE)
+    student = settings(out, "student", teacher=out / "teacher", **motion)
+    run_twice(distill, distill.preset("debug", **student), FACE)
     return out
 
 
-@pytest.mark.parametrize("kind, name", [("diffusion", "teacher"), ("student", "student")])
+@pytest.mark.parametrize(
+    "kind, name", [("diffusion", "teacher"), ("student", "student"), ("student", "regression")]
+)
 def test_stages_write_checkpoints_that_load(stages, kind, name):
-    model, card = distill.load_denoiser(stages / name, kind)
+    model, card = diffusion.load_denoiser(stages / name, kind)
     assert card["steps"] == 4 and card["metrics"]["total"] > 0
+    assert card["curve"]["step"] == [1, 2, 3, 4] and len(card["curve"]["total"]) == 4
+    assert card["audio_sha256"] == checkpoint.load(stages / "audio", "audio")[1]["sha256"]
     noise = torch.randn(1, 5, 256)
     tau = torch.tensor([200])
     x0 = model(noise, tau, torch.zeros(1, 5, model.config.audio_dim), torch.zeros(1, 5, 6))
     assert x0.shape == (1, 5, 256) and x0.isfinite().all()
 
 
+def test_regression_is_deaf_to_noise(stages):
+    tau, gaze = torch.tensor([200]), torch.zeros(1, 5, 6)
+    for name, deaf in (("regression", True), ("student", False)):
+        model, _ = diffusion.load_denoiser(stages / name, "student")
+        sound = torch.randn(1, 5, model.config.audio_dim)
+        a, b = (model(torch.randn(1, 5, 256), tau, sound, gaze) for _ in range(2))
+        assert torch.equal(a, b) is deaf
+
+
 def test_audio_stage_writes_an_encoder(stages):
-    encoder = streams.load_encoder(stages / "audio")
+    encoder = audio.load_encoder(stages / "audio")
     assert audio.stacked(encoder, torch.zeros(1, 1600)).shape[:2] == (1, 2)
 
 
+def test_an_encoder_can_be_trained_on_but_not_one_of_another_kind(stages, pack, tmp_path):
+    go_on = audio.preset(
+        "debug", **settings(tmp_path, "audio", pack=pack, heads=stages / "heads"),
+    )  # fmt: skip
+    go_on = replace(go_on, start=stages / "audio", rate=0.0)
+    shutil.copy(stages / "heads.json", tmp_path / "heads.json")
+    audio.run(replace(go_on, heads=tmp_path / "new_heads"))
+    before, after = (audio.load_encoder(p / "audio") for p in (stages, tmp_path))
+    torch.testing.assert_close(before.project.weight, after.project.weight, atol=1e-3, rtol=1e-3)
+    with pytest.raises(InputError, match="--start"):
+        audio.run(replace(go_on, centred=True))
+
+
+def test_the_centred_encoder_is_another_kind(pack, tmp_path):
+    out = tmp_path
+    config = audio.preset("debug", **settings(out, "audio", pack=pack, heads=out / "heads"))
+    audio.run(replace(config, centred=True, steps=1))
+    assert isinstance(audio.load_encoder(out / "audio"), CentredEncoder)
+    with pytest.raises(InputError, match="kind 'audio'"):
+        checkpoint.load(out / "audio", "audio")
+
+
 def test_streams_hold_matching_rows(stages):
-    data = streams.Streams.load(stages / "streams.npz", rig_to_code)
+    data = streams.Streams.load(stages / "streams.npz", FACE)
     codes, sound, gaze, weight = data.draw(3, 12, np.random.default_rng(0))
     assert codes.shape == (3, 12, 256) and gaze.shape == (3, 12, 6) and sound.shape[:2] == (3, 12)
     assert codes.std() > 0 and weight.shape == (3, 12)
@@ -118,56 +160,21 @@ def test_shut_lips_weigh_more():
     assert streams._shut(rig).tolist() == [[False, False, True]]
 
 
-def test_resuming_equals_an_unbroken_run(tmp_path):
-    def make() -> dict[str, torch.nn.Module]:
-        torch.manual_seed(0)
-        return {"net": torch.nn.Linear(3, 1)}
-
-    def train(modules: dict[str, torch.nn.Module], steps: int, total: int, resume: bool) -> None:
-        optimizer = loop.adamw(modules, 0.1)
-
-        def step_losses(step: int) -> dict[str, torch.Tensor]:
-            if step >= steps:
-                raise KeyboardInterrupt
-            return {"total": modules["net"](torch.randn(4, 3)).square().mean()}
-
-        loop.train(
-            "test", modules, optimizer, step_losses, steps=total, rate=0.1,
-            state_path=tmp_path / "state", resume=resume,
-        )  # fmt: skip
-
-    whole, broken = make(), make()
-    train(whole, 6, 6, False)
-    with pytest.raises(KeyboardInterrupt):
-        train(broken, 3, 6, False)
-    resumed = make()
-    train(resumed, 6, 6, True)
-    torch.testing.assert_close(resumed["net"].state_dict(), whole["net"].state_dict())
-
-
-def test_resume_without_a_state_says_what_to_do(tmp_path):
-    net = {"net": torch.nn.Linear(1, 1)}
-    with pytest.raises(InputError, match="without --resume"):
-        loop.train(
-            "x", net, loop.adamw(net, 0.1), lambda step: {}, steps=1, rate=0.1,
-            state_path=tmp_path / "none", resume=True,
-        )  # fmt: skip
-
-
 def test_diffusion_overfits_one_batch(stages):
     torch.manual_seed(0)
-    data = streams.Streams.load(stages / "streams.npz", rig_to_code)
-    config = diffusion.preset("debug", streams=stages, output=stages, state=stages)
+    data = streams.Streams.load(stages / "streams.npz", FACE)
+    config = diffusion.preset(
+        "debug", streams=stages, output=stages, run=loop.Run(state=stages / "none"), drop=0.0
+    )
     sizes = replace(PRESETS["debug"], audio_dim=data.features.shape[-1])
     model, schedule = Denoiser(sizes), Schedule()
     diffusion.fit_scale(model, data.codes)
     optimizer = loop.adamw({"model": model}, 3e-3)
     batch = data.draw(4, 16, np.random.default_rng(0))
-    config = replace(config, drop=0.0)
     history = []
     for step in range(150):
         torch.manual_seed(step)
-        loss = diffusion.losses(model, batch, schedule, vertices, config)
+        loss = diffusion.losses(model, batch, schedule, FACE, config)
         optimizer.zero_grad()
         loss["total"].backward()
         optimizer.step()
@@ -193,12 +200,19 @@ def test_dmd_gradient_points_to_the_teacher():
     assert z.grad is not None and (z.grad < 0).all()  # a step down the gradient rises to 1
 
 
-def test_tau_moves_from_four_steps_to_one():
+def test_tau_moves_from_four_steps_to_one_in_four_updates():
     rng = np.random.default_rng(0)
     first = {round(distill.draw_tau(0, 200, rng) / 50) for _ in range(100)}
-    last = {distill.draw_tau(3, 200, rng) for _ in range(100)}
+    last = {distill.draw_tau(4, 200, rng) for _ in range(100)}
     assert first == {1, 2, 3, 4}
     assert last <= {199, 200}
+    assert all(distill.beta(phase).sum() == pytest.approx(1) for phase in range(5))
+    config = distill.preset(
+        "paper", streams=Path(), teacher=Path(), output=Path(), run=loop.Run(state=Path())
+    )
+    assert [distill.phase_at(step, config) for step in (0, 1999, 2000, 7999, 8000, 24_999)] == [
+        0, 0, 1, 3, 4, 4,
+    ]  # fmt: skip
 
 
 def test_distortion_is_causal_enough_and_bounded():

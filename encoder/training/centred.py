@@ -1,0 +1,55 @@
+"""The ablation's audio encoder: as `compact`, but it looks half a second ahead (wav2vec 2.0 style).
+
+Same layers, same size, same names; every convolution is centred instead of causal. It cannot run
+live: `fed_causally` shows what happens if one tries (paper, table 2).
+"""
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from encoder.audio_encoder import AudioEncoder, RunningNorm
+from encoder.streaming import State
+
+HISTORY_FRAMES = 30  # of sound a live tick re-reads: more than the network's reach to the past
+
+
+class CentredEncoder(AudioEncoder):
+    """Waveform [B, T, 1] -> features [B, T / stride, width]; the whole clip at once."""
+
+    def hidden(
+        self, x: Tensor, state: State, mask: tuple[Tensor, Tensor] | None = None
+    ) -> tuple[Tensor, Tensor, State]:
+        """As in AudioEncoder. mask: places [B, N] bool and the vector [C] that hides them."""
+        x, latents = x.transpose(1, 2), x
+        for i, (conv, norm) in enumerate(self.layers()):
+            if i == len(self.convs):
+                latents = x
+                if mask is not None:
+                    x = torch.where(mask[0][:, None], mask[1][:, None], x)
+            left = conv.context // 2
+            padded = functional.pad(x, (left, conv.context - left))
+            y = functional.conv1d(padded, conv.weight, conv.bias, conv.stride, 0, conv.dilation)
+            if isinstance(norm, RunningNorm):
+                y, _ = norm.step(y, state["statistics"])
+            else:
+                y = norm(y)
+            x = self.join(i, x, functional.relu(y))
+        return latents.transpose(1, 2), x.transpose(1, 2), state
+
+
+@torch.no_grad()
+def fed_causally(encoder: CentredEncoder, audio: Tensor, samples_per_frame: int) -> Tensor:
+    """Features [T, A] of each frame from sound up to its end only; audio [T * samples_per_frame].
+
+    What would lie ahead is zeros, as in a live program that has nothing else. Loudness statistics
+    start anew in every window of HISTORY_FRAMES.
+    """
+    frames = len(audio) // samples_per_frame
+    per_frame = samples_per_frame // encoder.config.stride
+    padded = functional.pad(audio, ((HISTORY_FRAMES - 1) * samples_per_frame, 0))
+    windows = padded.unfold(0, HISTORY_FRAMES * samples_per_frame, samples_per_frame)
+    newest = [
+        encoder(part[..., None])[:, -per_frame:].flatten(1) for part in windows[:frames].split(50)
+    ]
+    return torch.cat(newest)

@@ -1,0 +1,57 @@
+"""L_geom: velocity and jitter of face vertices (paper section 4.1.2).
+
+The frozen decoder comes from the app as a `Face`; nothing here knows render.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+JITTER_FLOOR_MM = 0.5  # per frame^3; 0.5 mm is what a jaw of 5 mm swings at 2 Hz
+
+
+@dataclass(frozen=True)
+class Face:
+    """The frozen decoder, as far as training needs it."""
+
+    rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
+    vertices: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, V, 3] mm
+    weights: Tensor  # [V], mean 1: w_i of the paper, larger for the mouth
+
+
+def velocity_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
+    """Vertices [B, T, V, 3] mm -> weighted mean squared error of frame-to-frame motion, mm^2."""
+    error = (predicted - truth).diff(dim=1).square().sum(-1)
+    return (error * weights.to(error)).mean()
+
+
+def jitter(vertices: Tensor) -> Tensor:  # [B, T, V, 3] -> [B, T - 3, V, 3]
+    """v_t - 3 v_(t-1) + 3 v_(t-2) - v_(t-3), mm a frame^3."""
+    return vertices.diff(dim=1, n=3)
+
+
+def jitter_loss(
+    predicted: Tensor,  # [B, T, V, 3] mm
+    truth: Tensor,  # [B, T, V, 3] mm
+    weights: Tensor,  # [V]
+    *,
+    normalised: bool = True,
+    floor: float = JITTER_FLOOR_MM,
+) -> Tensor:
+    """The paper's |j / j_gt - 1|^2 with j_gt kept from zero, mean over frames, vertices and axes.
+
+    j_gt passes through zero, so the divisor is d = sign(j_gt) max(|j_gt|, floor), sign(0) = 1. The
+    loss is ((j - j_gt) / d)^2: the paper's where |j_gt| >= floor; below, a squared difference in
+    units of the floor. (Dividing j itself by d would move the minimum from j_gt to d.) Its gradient
+    in j is 2 (j - j_gt) / d^2: never larger than 2 |j - j_gt| / floor^2, zero only at the truth.
+    Not normalised (an ablation of the paper): (j - j_gt)^2.
+    """
+    target = jitter(truth)
+    error = jitter(predicted) - target
+    if normalised:
+        sign = torch.where(target < 0, -1.0, 1.0)
+        error = error / (sign * target.abs().clamp(min=floor))
+    return (error.square().mean(-1) * weights.to(error)).mean()

@@ -1,0 +1,107 @@
+"""Losses with known answers: the ratio jitter, velocity, and both contrastive tasks."""
+
+import pytest
+import torch
+
+from encoder.audio_encoder import PRESETS
+from encoder.training import contrastive
+from encoder.training.centred import HISTORY_FRAMES, CentredEncoder, fed_causally
+from encoder.training.geometry import JITTER_FLOOR_MM, jitter, jitter_loss, velocity_loss
+
+ONE = torch.ones(1)
+
+
+def curve(third: float) -> torch.Tensor:
+    """[1, 4, 1, 3]: x whose only third difference is `third`; y and z rest."""
+    x = torch.zeros(1, 4, 1, 3, dtype=torch.float64)
+    x[0, 3, 0, 0] = third
+    return x
+
+
+def test_jitter_is_the_third_difference():
+    v = torch.randn(1, 5, 2, 3)
+    expected = v[:, 3] - 3 * v[:, 2] + 3 * v[:, 1] - v[:, 0]
+    torch.testing.assert_close(jitter(v)[:, 0], expected)
+
+
+@pytest.mark.parametrize("truth", [2.0, -2.0])
+def test_above_the_floor_jitter_is_the_ratio_of_the_paper(truth):
+    loss = jitter_loss(curve(3.0), curve(truth), ONE)
+    assert float(loss) == pytest.approx((3 / truth - 1) ** 2 / 3)
+
+
+@pytest.mark.parametrize("truth", [0.0, 0.1, -0.1])
+def test_below_the_floor_the_minimum_stays_at_the_truth(truth):
+    at_truth = curve(truth).requires_grad_()
+    loss = jitter_loss(at_truth, curve(truth), ONE)
+    loss.backward()
+    assert float(loss) == 0 and float(at_truth.grad.abs().max()) == 0
+    off = curve(truth + 0.2).requires_grad_()
+    jitter_loss(off, curve(truth), ONE).backward()
+    expected = 2 * 0.2 / JITTER_FLOOR_MM**2 / 3  # the documented gradient, mean over three axes
+    assert float(off.grad[0, 3, 0, 0]) == pytest.approx(expected)
+
+
+def test_a_larger_face_counts_the_same_only_when_normalised():
+    small, large = (jitter_loss(s * curve(6.0), s * curve(3.0), ONE) for s in (1, 2))
+    assert float(small) == pytest.approx(float(large))
+    plain = [jitter_loss(s * curve(6.0), s * curve(3.0), ONE, normalised=False) for s in (1, 2)]
+    assert float(plain[1]) == pytest.approx(4 * float(plain[0]))
+
+
+def test_velocity_weighs_vertices():
+    a, b = torch.zeros(1, 2, 2, 3), torch.zeros(1, 2, 2, 3)
+    a[0, 1, 0, 0] = 2.0
+    assert float(velocity_loss(a, b, torch.tensor([1.5, 0.5]))) == pytest.approx(4 * 1.5 / 2)
+
+
+def test_future_loss_falls_when_context_tells_the_future():
+    torch.manual_seed(0)
+    latents = torch.randn(2, 80, 16) * 4
+    predictor = contrastive.Predictor(16, steps=2)
+    with torch.no_grad():
+        predictor.maps.weight.copy_(torch.cat([torch.eye(16)] * 2))
+        predictor.maps.bias.zero_()
+    knows = torch.roll(latents, -1, 1)
+    told = contrastive.future_loss(latents, knows, predictor)
+    guessed = contrastive.future_loss(latents, torch.randn_like(latents) * 4, predictor)
+    assert float(told.detach()) < 0.8 * float(guessed.detach())
+
+
+def test_masked_loss_falls_when_context_tells_the_hidden():
+    torch.manual_seed(0)
+    latents = torch.randn(2, 60, 16)
+    predictor = contrastive.Predictor(16, steps=1)
+    with torch.no_grad():
+        predictor.maps.weight.copy_(torch.eye(16))
+        predictor.maps.bias.zero_()
+    mask = contrastive.draw_mask(2, 60)
+    assert mask.any(1).all() and not mask.all()
+    told = contrastive.masked_loss(latents, latents, mask, predictor)
+    guessed = contrastive.masked_loss(latents, torch.randn_like(latents), mask, predictor)
+    assert float(told.detach()) < 0.1 < 1 < float(guessed.detach())
+
+
+def test_centred_encoder_hears_half_a_second_ahead():
+    torch.manual_seed(0)
+    config = PRESETS["default"]
+    encoder = CentredEncoder(config).eval()
+    audio = torch.randn(1, 24_000 * 2, 1) * 0.1
+    later = audio.clone()
+    later[:, 24_000:] = 0
+    changed = (encoder(audio) - encoder(later)).abs().amax((0, 2)) > 1e-6
+    first = int(changed.nonzero()[0])
+    ahead_s = 1 - first * config.stride / config.sample_rate
+    assert 0.5 < ahead_s < 0.6
+
+
+def test_fed_causally_hears_nothing_ahead():
+    torch.manual_seed(0)
+    encoder = CentredEncoder(PRESETS["debug"]).eval()
+    frames = HISTORY_FRAMES + 4
+    audio = torch.randn(800 * frames) * 0.1
+    later = audio.clone()
+    later[800 * 5 :] = 0
+    a, b = (fed_causally(encoder, x, 800) for x in (audio, later))
+    assert a.shape == (frames, 4 * encoder.config.width)
+    assert torch.equal(a[:5], b[:5]) and not torch.allclose(a[5], b[5])
