@@ -1,7 +1,7 @@
 """What `replay` and `run` share: who is driven and how, what is drawn, what is written."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -9,11 +9,12 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from app import background
-from sensors.types import FPS, Clock, InputError, Packet, Source
+from sensors.types import FPS, Clock, InputError, Source
 
 if TYPE_CHECKING:
     from app.sinks.sink import Sink
     from app.stages import Stages
+    from app.tape import Tape
     from app.window.sink import WindowSink
     from encoder.driver import Driver
     from render.decoder import Decoder
@@ -84,7 +85,7 @@ class DriveOptions:
         live: bool = False,  # a microphone can be muted
         frames: int | None = None,  # how many will come, where that is known
         more_sinks: Sequence["Sink"] = (),
-        record: Callable[[Packet], None] | None = None,
+        tape: "Tape | None" = None,
     ) -> dict[str, Any]:
         """Drive the head from `source` until it ends or Ctrl-C; return the report (DESIGN 4)."""
         from app.loop import Head, drive
@@ -96,8 +97,11 @@ class DriveOptions:
 
         who, decoder = identity.load(self.avatar), Decoder.load()
         stages = Stages()
-        window = self._open_window(clock, stages, title, live, frames) if self.window else None
-        sinks = [*self._sinks(decoder, who), *more_sinks, *([window] if window else [])]
+        sinks = [*self._sinks(decoder, who), *more_sinks]
+        window = None
+        if self.window:
+            window = self._open_window(clock, stages, title, live, frames, tape)
+            sinks.append(window)
         draw = draw or bool(self.video or self.pictures or self.virtual_camera)
         renderer = create_renderer() if draw else None
         behind = background.flat(self.background)
@@ -108,7 +112,7 @@ class DriveOptions:
             summary = drive(
                 *(source, driver, head, sinks, clock, stages, info, self.seed, realtime),
                 panel=window,
-                record=record,
+                record=tape.append if tape else None,
             )
         finally:
             if renderer:
@@ -143,7 +147,13 @@ class DriveOptions:
                 print(f"wrote {path.resolve()}")
 
     def _open_window(
-        self, clock: Clock, stages: "Stages", title: str, live: bool, frames: int | None
+        self,
+        clock: Clock,
+        stages: "Stages",
+        title: str,
+        live: bool,
+        frames: int | None,
+        tape: "Tape | None",
     ) -> "WindowSink":
         from app.window.shared import WindowInfo
         from app.window.sink import WindowSink
@@ -153,12 +163,13 @@ class DriveOptions:
             title=title,
             avatar=self.avatar,
             avatars=tuple(identity.names()),
+            can_record=tape is not None,
             live=live,
             frames=frames,
             size=self.size,
             background=self.background,
         )
-        return WindowSink(info, clock, stages.latest_ms)
+        return WindowSink(info, clock, stages.latest_ms, tape)
 
     def _sinks(self, decoder: "Decoder", who: "Identity") -> list["Sink"]:
         from app.sinks.arkit import ArkitSink

@@ -1,6 +1,7 @@
 """`livedrive run`: microphone and eye cameras drive the head, live."""
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from app.live import LiveOptions, ends_on_signals, open_recorder, sensor_report
@@ -23,12 +24,13 @@ class Run(LiveOptions, DriveOptions):
         self.window = not self.headless
         from app.dashboard import Dashboard
         from app.live_stats import LiveStats
+        from app.tape import Tape
         from sensors.clock import MonotonicClock
         from sensors.portaudio import silence_native_messages
 
         clock = MonotonicClock()
         source, driver = self.live_source(clock), self.load_driver()
-        recorder = open_recorder(self.record, source) if self.record else None
+        tape = Tape(self.record, partial(open_recorder, source=source))
         stats = LiveStats()
         silence_native_messages()
         try:
@@ -41,15 +43,14 @@ class Run(LiveOptions, DriveOptions):
                     draw=False,
                     live=True,
                     more_sinks=[stats, Dashboard(source, stats)],
-                    record=recorder.append if recorder else None,
+                    tape=tape,
                 )
         finally:
-            if recorder:
-                recorder.close()
+            tape.close()
         report |= stats.report() | {"sensors": sensor_report(source)}
-        report["recording"] = recorder.problem or "complete" if recorder else "none"
+        report["recording"] = tape.problem or ("complete" if tape.sessions else "none")
         self.finish(report)
-        if self.record and recorder and not recorder.problem:
-            print(f"wrote {self.record.resolve()}; next: livedrive replay {self.record}")
+        for session in () if tape.problem else tape.sessions:
+            print(f"wrote {session.resolve()}; next: livedrive replay {session}")
         if signals:
             raise KeyboardInterrupt

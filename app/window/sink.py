@@ -17,6 +17,7 @@ import numpy as np
 
 from app.controls import Controls
 from app.sinks.sink import FrameResult, RunInfo
+from app.tape import Tape
 from app.window.shared import SharedMemory, WindowInfo
 from sensors.types import NS, Clock, InputError
 
@@ -31,12 +32,14 @@ class WindowSink:
         info: WindowInfo,
         clock: Clock,
         stage_ms: Callable[[], list[float]],  # what the tick before cost, in the order of STAGES
+        tape: Tape | None = None,  # what the record button starts and stops
     ) -> None:
         """Starts to open the window; `on_start` waits for it."""
-        self._info, self._clock, self._stage_ms = info, clock, stage_ms
+        self._info, self._clock, self._stage_ms, self._tape = info, clock, stage_ms, tape
         self._memory = SharedMemory()
         self._memory.clear()
         self._memory.wishes["avatar"] = info.avatars.index(info.avatar)
+        self._memory.wishes["recording"] = tape is not None and tape.wanted
         descriptor = self._memory.descriptor
         self._process = subprocess.Popen(
             [sys.executable, "-m", "app.window", str(descriptor), json.dumps(asdict(info))],
@@ -82,8 +85,10 @@ class WindowSink:
         if not self._crashed and not wishes["closed"] and self._process.poll() is not None:
             self._crashed = True
             print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
+        if self._tape is not None and self._tape.failed:
+            wishes["recording"] = False  # the button shows it
         emotion = int(wishes["emotion"])
-        return Controls(
+        wanted = Controls(
             avatar=info.avatars[int(wishes["avatar"])],
             emotion=info.emotions[emotion] if emotion >= 0 else None,
             muted=bool(wishes["muted"]),
@@ -92,6 +97,9 @@ class WindowSink:
             resets=int(wishes["resets"]),
             closed=bool(wishes["closed"]),
         )
+        if self._tape is not None:
+            self._tape.obey(wanted)
+        return wanted
 
     def close(self) -> None:
         self._memory.wishes["ending"] = True

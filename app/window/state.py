@@ -29,6 +29,7 @@ class State:
     toast: str = ""
     toast_left_s: float = 0.0
     still_s: float = 0.0  # since the mouse moved
+    recording: bool = False  # as the button was left
     recording_from: int = 0  # frame at which the recording began
     draw_ms: float = 0.0  # decoding and drawing one picture of the head, lately
     hz: float = 0.0  # pictures shown a second

@@ -33,7 +33,7 @@ class Window:
 
     def __init__(self, screen: Screen, memory: SharedMemory, info: WindowInfo) -> None:
         self._screen, self._memory = screen, memory
-        self.state = State(info, memory.wishes)
+        self.state = State(info, memory.wishes, recording=bool(memory.wishes["recording"]))
         self.state.choose_background(info.background)
         self.state.motion.smooth = info.smooth
         self._head = HeadView(screen.context, info.avatar, info.size)
@@ -90,7 +90,7 @@ class Window:
         elif name == "mute":
             wishes["muted"] = not wishes["muted"]
         elif name == "record" and state.info.can_record:
-            wishes["recording"] = not wishes["recording"]
+            wishes["recording"] = state.recording = not wishes["recording"]
             state.recording_from = state.history.frames
         elif name == "recentre":
             state.orbit = Orbit()
@@ -114,6 +114,9 @@ class Window:
 
     def _take_ticks(self) -> None:
         state = self.state
+        if state.recording and not state.wishes["recording"]:  # the loop took it back
+            state.recording = False
+            state.say("The recording has stopped: the disk is full, too slow or read-only")
         ticks = self._memory.ticks_after(self._number)
         for tick in ticks:
             state.history.add(tick)

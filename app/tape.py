@@ -1,0 +1,81 @@
+"""The tape of a live run: what the driver gets, from the start or at the push of a button."""
+
+import threading
+from collections.abc import Callable
+from pathlib import Path
+from typing import Protocol
+
+from app.controls import Controls
+from sensors.types import Packet
+
+
+class Recorder(Protocol):
+    """Where packets go; sensors.live_recorder.LiveRecorder is one."""
+
+    problem: str  # why nothing is recorded any more
+
+    def append(self, packet: Packet) -> None: ...
+    def close(self) -> None: ...
+
+
+class Tape:
+    """Each time that recording is wished for makes a session of its own; no tick waits for a disk."""
+
+    def __init__(self, first: Path | None, record_to: Callable[[Path], Recorder]) -> None:
+        """With a `first` folder the tape is on from the start. Raises InputError where it holds
+        something already. Later sessions lie beside it, or in session-001, -002, ..."""
+        self._stem, self._record_to = first or Path("session"), record_to
+        self._recorder: Recorder | None = None
+        self._closing: list[threading.Thread] = []
+        self.sessions: list[Path] = []
+        self.problem = ""  # of the newest session that had one
+        self.wanted = first is not None
+        if first is not None:
+            self._start(first)
+
+    @property
+    def failed(self) -> bool:
+        """True while recording is wished for and the session that began cannot go on."""
+        return self._recorder is not None and bool(self._recorder.problem)
+
+    def append(self, packet: Packet) -> None:
+        """Take a packet, or let it pass while the tape is off."""
+        if self._recorder is not None:
+            self._recorder.append(packet)
+
+    def obey(self, wanted: Controls) -> None:
+        """Start or stop when the wish has changed."""
+        if wanted.recording == self.wanted:
+            return
+        self.wanted = wanted.recording
+        if self.wanted:
+            self._start(self._free_folder())
+        else:
+            self._stop()
+
+    def close(self) -> None:
+        """Finish every session."""
+        self._stop()
+        for thread in self._closing:
+            thread.join()
+
+    def _start(self, folder: Path) -> None:
+        self._recorder = self._record_to(folder)
+        self.sessions.append(folder)
+
+    def _stop(self) -> None:
+        if self._recorder is not None:
+            thread = threading.Thread(target=self._finish, args=[self._recorder], name="tape")
+            thread.start()
+            self._closing.append(thread)
+            self._recorder = None
+
+    def _finish(self, recorder: Recorder) -> None:
+        recorder.close()
+        self.problem = recorder.problem or self.problem
+
+    def _free_folder(self) -> Path:
+        number = 1
+        while (folder := self._stem.with_name(f"{self._stem.name}-{number:03d}")).exists():
+            number += 1
+        return folder
