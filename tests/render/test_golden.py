@@ -38,7 +38,7 @@ def test_expressions_and_avatars_differ(pictures):
     """A golden picture that shows nothing would never fail."""
     names = [name for name in pictures if not name.startswith("head")]
     for k, one in enumerate(names):
-        assert pictures[one].std() > 20
+        assert pictures[one].std() > 8  # a flat picture has 0
         for other in names[k + 1 :]:
             difference = np.abs(pictures[one].astype(int) - pictures[other])
             assert np.count_nonzero(difference > 12) > 300, (one, other)
