@@ -1,71 +1,37 @@
-"""`livedrive bench`: what a tick costs, stage by stage, at the pace of a live run.
-
-Paced by the clock and not in a hot loop, because at 30 Hz the weights leave the caches between two
-ticks (a hot loop flatters by 1.5 to 3 times).
-"""
+"""`livedrive bench`: what a tick costs, stage by stage, and what its heaviest stage costs alone."""
 
 import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from tyro.conf import Positional
+
 
 @dataclass(kw_only=True)
 class Bench:
-    """Measure latency, CPU time and memory on a session."""
+    """Measure latency, CPU time and memory against the bars of this project."""
 
+    what: Positional[Literal["tick", "render"]] = "tick"
+    """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals."""
     session: Path = Path("recordings/demo")
-    """Session to replay in real time."""
+    """Session to replay in real time (tick)."""
     avatar: str = "ben"
     size: int = 512
+    """Width and height of the picture in pixels (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     report: Path | None = None
     """Write the figures as JSON."""
 
     def run(self) -> None:
-        import os
-        from tempfile import TemporaryDirectory
+        from app.bars import finish
+        from app.bench_render import measure_render
+        from app.bench_tick import measure_tick
 
-        import psutil
-
-        from app.bars import at_most, finish
-        from app.replay import Replay
-
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "report.json"
-            replay = Replay(
-                session=self.session,
-                realtime=True,
-                avatar=self.avatar,
-                size=self.size,
-                device=self.device,
-                report=path,
-            )
-            replay.run()
-            measured = json.loads(path.read_text())
-        stages = measured["stages"]
-        metrics = {f"{s}_{k}": v for s, values in stages.items() for k, v in values.items()}
-        metrics["dropped_ticks"] = measured["dropped"]
-        metrics["memory_mb"] = round(psutil.Process(os.getpid()).memory_info().rss / 2**20, 1)
-        bars = [
-            at_most("tick_p50_ms", metrics["tick_p50_ms"], 22.0),
-            at_most("tick_p99_ms", metrics["tick_p99_ms"], 33.0),
-            at_most("encoder_cpu_ms", metrics["audio_cpu_ms"] + metrics["denoise_cpu_ms"], 4.0),
-            at_most("dropped_ticks", metrics["dropped_ticks"], 0),
-        ]
-        report = {k: measured[k] for k in ("renderer", "device", "backend", "frames")}
-        report |= {"metrics": metrics, "bars": bars}
+        if self.what == "tick":
+            report = measure_tick(self.session, self.avatar, self.size, self.device)
+        else:
+            report = measure_render(self.avatar)
         if self.report:
             self.report.write_text(json.dumps(report, indent=2) + "\n")
-        show(stages)
-        finish(bars)
-
-
-def show(stages: dict[str, dict[str, float]]) -> None:
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("stage", "p50 ms", "p95 ms", "p99 ms", "CPU ms")
-    for name, v in stages.items():
-        table.add_row(name, *(f"{v[k]:.2f}" for k in ("p50_ms", "p95_ms", "p99_ms", "cpu_ms")))
-    Console().print(table)
+        finish(report["bars"])

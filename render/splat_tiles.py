@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 SHADERS = Path(__file__).parent / "shaders"
 TILE_PX = 8
+LANES = 8  # tiles of a work group
+DECKS = 16  # see share_out
 FIELDS = ("means", "quats", "scales", "opacities", "colors")  # bindings 0..4 of pass A
 HIDDEN, BROKEN = (
     np.float32(3.0e38),
@@ -138,15 +140,27 @@ def sort_by_tile(rects: U32, size: tuple[int, int]) -> tuple[U32, U32, int]:
             "draw fewer or smaller Gaussians, or move the camera away"
         )
     keys = y0 * step_y + x0 * step_x + np.arange(len(rects), dtype=dtype)
-    keys = _expand(keys, height, step_y)  # one key a row of tiles
-    keys = _expand(keys, np.repeat(width, height), step_x)  # one key a tile
+    keys = expand(keys, height, step_y)  # one key a row of tiles
+    keys = expand(keys, np.repeat(width, height), step_x)  # one key a tile
     keys.sort()
     starts = np.searchsorted(keys, np.arange(num_tiles, dtype=dtype) * step_x)
     starts = np.append(starts, len(keys)).astype(np.uint32)
     return keys.astype(np.uint32, copy=False), starts, (1 << bits) - 1
 
 
-def _expand(keys: NDArray, counts: NDArray, step: np.generic) -> NDArray:
+def share_out(starts: U32) -> U32:
+    """Tiles in the order of the lanes that draw them, filled up with an empty tile.
+
+    Tiles with lists of like length share a group, so that its lanes end together. Threads of the
+    driver take runs of groups, so the groups are dealt out like cards: every run gets its share.
+    """
+    num_tiles = len(starts) - 1
+    order = np.full(-(-num_tiles // (LANES * DECKS)) * LANES * DECKS, num_tiles, np.uint32)
+    order[:num_tiles] = np.argsort(np.diff(starts).astype(np.int32))[::-1]
+    return order.reshape(-1, DECKS, LANES).swapaxes(0, 1).ravel()
+
+
+def expand(keys: NDArray, counts: NDArray, step: np.generic) -> NDArray:
     """Replace keys[i] by keys[i] + step * (0, 1, .. counts[i] - 1)."""
     first = np.cumsum(counts, dtype=keys.dtype) - counts
     keys = np.repeat(keys - first * step, counts)
@@ -162,8 +176,8 @@ class TileRenderer:
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.compute_shader((SHADERS / "tiles.comp.glsl").read_text())
-        self._splats, self._pairs, self._starts, self._pixels = (
-            GrowingBuffer(gl) for _ in range(4)
+        self._splats, self._pairs, self._starts, self._tiles, self._pixels = (
+            GrowingBuffer(gl) for _ in range(5)
         )
         self._picture = np.empty((0, 0, 4), np.uint8)
         self.name = f"tiles on {context.renderer} ({context.backend})"
@@ -175,19 +189,21 @@ class TileRenderer:
         tiles = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         pairs, starts, rank_mask = sort_by_tile(rects, tiles)
         self._splats.write(splats)
-        self._pairs.reserve(pairs.nbytes + 16)  # the shader reads four at a time
         self._pairs.write(pairs)
-        self._starts.write(starts)
+        self._starts.write(np.append(starts, starts[-1:]))  # and an empty tile
+        order = share_out(starts)
+        self._tiles.write(order)
         if self._picture.shape[:2] != (camera.height, camera.width):
             self._picture = np.empty((camera.height, camera.width, 4), np.uint8)
         self._pixels.reserve(self._picture.nbytes)
-        buffers = (self._splats, self._pairs, self._starts, self._pixels)
+        buffers = (self._splats, self._pairs, self._starts, self._tiles, self._pixels)
         for binding, buffer in enumerate(buffers):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
         self._program["rank_mask"] = rank_mask
         self._program["background"] = camera.background
-        self._program.run(*tiles)
+        self._program["tiles_across"] = tiles[0]
+        self._program.run(len(order) // LANES)
         self._context.gl.memory_barrier()
 
     @property

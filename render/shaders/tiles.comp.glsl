@@ -1,21 +1,40 @@
-// Splats, sorted by tile and depth -> picture. One group a tile of 8x8 px, one lane a column:
-// eight lanes are one vector register of a software driver, which loads lane by lane, so that
-// loads cost more than arithmetic: splats are 16 bytes and come four at a time.
+// Splats, sorted by tile and depth -> picture. One lane a tile of 8x8 px: lanes of a software driver
+// share a vector register and load one after the other, so eight tiles share the cost of a load,
+// which is more than that of 64 pixels. Tiles come by length of their lists, so lanes end together.
 #version 430
 layout(local_size_x = 8) in;
 
 layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };  // nearest first
-layout(std430, binding = 1) readonly buffer Pairs { uvec4 pairs[]; };    // tile after tile
+layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };     // tile after tile
 layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };   // tile -> first pair
-layout(std430, binding = 3) writeonly buffer Pixels { uint pixels[]; };  // RGBA8, top row first
+layout(std430, binding = 3) readonly buffer Tiles { uint tiles[]; };     // lane -> tile
+layout(std430, binding = 4) writeonly buffer Pixels { uint pixels[]; };  // RGBA8, top row first
 
-uniform uvec2 size;        // px
+uniform uvec2 size;      // px
+uniform uint tiles_across;
 uniform vec3 background;
-uniform uint rank_mask;    // the bits of a pair that are the index of its splat
+uniform uint rank_mask;  // the bits of a pair that are the index of its splat
 
 const float FAINTEST = 6.0;
 const float CUTOFF = 1.0 / 64.0;  // the faintest alpha that is drawn
-const float OPAQUE = 1.0 / 128.0;  // a column this opaque hides the rest
+const float OPAQUE = 1.0 / 128.0;  // a tile this opaque hides the rest
+
+vec4 acc[64];  // column after column: colour in 0..1023, transmittance
+
+// A splat as seen from one tile. Down a column log2 alpha is a parabola in the row, so alpha follows
+// from two ratios; along a row those ratios grow by a constant factor. Columns start between rows 3
+// and 4: the low-pass filter keeps `bend` below 2.4, so a splat whose alpha is under 2^-60 there
+// reaches no row of the column, and nothing over- or underflows.
+struct Splat {
+    float p, q, r;      // log2 alpha = log2_opacity - u^2 - v^2, u = p dx + q dy, v = r dy
+    float u, v;         // at the start of the column
+    float middle;       // log2 alpha there, less -u^2
+    float bend;
+    vec2 ratio;         // of alpha from row to row, upwards and downwards
+    vec2 ratio_growth;  // from column to column
+    float ratio_decay;  // from row to row
+    vec3 color;
+};
 
 // p, r: 5 bits of exponent from 2^-30, 11 of mantissa; q: sign, 4 from 2^-13, 11. No half floats:
 // software drivers take a dozen instructions to widen one.
@@ -26,77 +45,86 @@ vec3 unpack_axes(uvec2 word) {
         uintBitsToFloat(((word.y & 0xffffu) << 12) + (97u << 23)));
 }
 
-vec2 top;     // centre of the lane's first pixel
-vec4 acc[8];  // colour in 0..1023, transmittance
-
-void add(int row, float alpha, vec3 color) {
-    float weight = alpha < CUTOFF ? 0.0 : alpha * acc[row].w;
-    acc[row].rgb += weight * color;
-    acc[row].w -= weight;
+Splat load(uint i, uint end, vec2 start) {
+    uvec4 word = splats[pairs[min(i, end - 1u)] & rank_mask];
+    Splat s;
+    vec3 axes = unpack_axes(word.xy);
+    s.p = axes.x, s.q = axes.y, s.r = axes.z;
+    vec2 d = start - vec2(word.zw >> 12) * (1.0 / 128.0) + 2048.0;
+    s.u = s.p * d.x + s.q * d.y, s.v = s.r * d.y;
+    s.bend = s.q * s.q + s.r * s.r;
+    float log2_opacity = i < end ? float(word.y >> 16 & 1023u) * (-FAINTEST / 1023.0) : -1.0e3;
+    s.middle = log2_opacity - s.v * s.v - 0.25 * s.bend;
+    float slope = 2.0 * (s.u * s.q + s.v * s.r);
+    s.ratio = exp2(clamp(vec2(slope, -slope) - 2.0 * s.bend, -90.0, 90.0));
+    s.ratio_growth = exp2(vec2(2.0, -2.0) * (s.p * s.q));
+    s.ratio_decay = exp2(-2.0 * s.bend);
+    s.color = vec3(
+        word.z >> 2 & 1023u, word.w >> 2 & 1023u,
+        word.y >> 26 << 4 | (word.z & 3u) << 2 | (word.w & 3u));
+    return s;
 }
 
-void blend(uint pair, bool inside) {
-    uvec4 splat = splats[pair & rank_mask];
-    vec3 pqr = unpack_axes(splat.xy);
-    float p = pqr.x, q = pqr.y, r = pqr.z;
-    float log2_opacity = inside ? float(splat.y >> 16 & 1023u) * (-FAINTEST / 1023.0) : -1.0e3;
-    vec2 mean = vec2(splat.zw >> 12) * (1.0 / 128.0) - 2048.0;
-    vec3 color = vec3(
-        splat.z >> 2 & 1023u, splat.w >> 2 & 1023u,
-        splat.y >> 26 << 4 | (splat.z & 3u) << 2 | (splat.w & 3u));
+vec2 first_alphas(Splat s) {
+    float slope = s.u * s.q + s.v * s.r;
+    vec2 power = vec2(slope, -slope) + s.middle - s.u * s.u;
+    return mix(exp2(power), vec2(0.0), lessThan(power, vec2(-60.0)));
+}
 
-    // Down a column log2 alpha is a parabola in the row, so alpha itself follows from two ratios.
-    // Start between rows 3 and 4: the low-pass filter keeps `bend` below 2.4, so a splat whose
-    // alpha is under 2^-60 there reaches no row of this tile, and nothing over- or underflows.
-    float dx = top.x - mean.x, dy = top.y + 3.5 - mean.y;
-    float u = p * dx + q * dy, v = r * dy;
-    float bend = q * q + r * r;
-    float slope = 2.0 * (u * q + v * r);
-    float middle = log2_opacity - u * u - v * v - 0.25 * bend;
-    float first_up = middle + 0.5 * slope, first_down = middle - 0.5 * slope;
-    float up = first_up < -60.0 ? 0.0 : exp2(first_up);
-    float down = first_down < -60.0 ? 0.0 : exp2(first_down);
-    float ratio_up = exp2(clamp(slope - 2.0 * bend, -12.0, 60.0));
-    float ratio_down = exp2(clamp(-slope - 2.0 * bend, -12.0, 60.0));
-    float ratio_of_ratios = exp2(-2.0 * bend);
+void add(int pixel, float alpha, vec3 color) {
+    float weight = alpha < CUTOFF ? 0.0 : alpha * acc[pixel].w;
+    acc[pixel].rgb += weight * color;
+    acc[pixel].w -= weight;
+}
+
+void blend(int x, inout Splat a, inout Splat b) {  // one column; a is in front of b
+    vec2 alpha_a = first_alphas(a), alpha_b = first_alphas(b);
+    vec2 ratio_a = max(a.ratio, 1.0 / 4096.0), ratio_b = max(b.ratio, 1.0 / 4096.0);
     for (int k = 0; k < 4; k++) {
-        add(3 - k, up, color);
-        add(4 + k, down, color);
-        up *= ratio_up;
-        down *= ratio_down;
-        ratio_up *= ratio_of_ratios;
-        ratio_down *= ratio_of_ratios;
+        add(x + 3 - k, alpha_a.x, a.color);
+        add(x + 3 - k, alpha_b.x, b.color);
+        add(x + 4 + k, alpha_a.y, a.color);
+        add(x + 4 + k, alpha_b.y, b.color);
+        alpha_a *= ratio_a, alpha_b *= ratio_b;
+        ratio_a *= a.ratio_decay, ratio_b *= b.ratio_decay;
     }
+    a.u += a.p, b.u += b.p;
+    a.ratio *= a.ratio_growth, b.ratio *= b.ratio_growth;
 }
+
+void store(vec4 color, bool hidden, uvec2 at) {
+    // What lies behind a hidden rest looks like what lies before it, not like the background.
+    float left = hidden ? 0.0 : color.w;
+    float scale = (1.0 - left) / max(1.0 - color.w, 1.0e-6) / 1023.0;
+    uint rgba = packUnorm4x8(vec4(color.rgb * scale + left * background, 1.0 - left));
+    if (at.x < size.x && at.y < size.y) pixels[at.y * size.x + at.x] = rgba;
+}
+
+// The eight columns by name, not in a loop: only a constant index keeps `acc` in registers, and
+// drivers do not unroll 64 pixels.
+#define EIGHT(column) \
+    column(0) column(8) column(16) column(24) column(32) column(40) column(48) column(56)
 
 void main() {
-    uint tile = gl_WorkGroupID.y * gl_NumWorkGroups.x + gl_WorkGroupID.x;
-    uvec2 corner = gl_WorkGroupID.xy * 8u;
-    top = vec2(corner) + vec2(float(gl_LocalInvocationID.x) + 0.5, 0.5);
-    for (int row = 0; row < 8; row++) acc[row] = vec4(0.0, 0.0, 0.0, 1.0);
+    uint tile = tiles[gl_GlobalInvocationID.x];
+    uvec2 corner = 8u * uvec2(tile % tiles_across, tile / tiles_across);
+    vec2 start = vec2(corner) + vec2(0.5, 4.0);
+#define CLEAR(x) for (int row = 0; row < 8; row++) acc[x + row] = vec4(0.0, 0.0, 0.0, 1.0);
+    EIGHT(CLEAR)
 
-    uint start = starts[tile], end = starts[tile + 1u], count = end - start;
+    uint end = starts[tile + 1u];
     bool hidden = false;
-    for (uint i = start & ~3u; i < end; i += 4u) {
-        uvec4 four = pairs[i >> 2];
-        // Unsigned, so that pairs of the tile before are outside too.
-        blend(four.x, i - start < count);
-        blend(four.y, i + 1u - start < count);
-        blend(four.z, i + 2u - start < count);
-        blend(four.w, i + 3u - start < count);
+    for (uint i = starts[tile]; i < end; i += 2u) {
+        Splat a = load(i, end, start), b = load(i + 1u, end, start);  // a is in front of b
+#define BLEND(x) blend(x, a, b);
+        EIGHT(BLEND)
         float left = 0.0;
-        for (int row = 0; row < 8; row++) left = max(left, acc[row].w);
+#define LEFT(x) for (int row = 0; row < 8; row++) left = max(left, acc[x + row].w);
+        EIGHT(LEFT)
         hidden = left < OPAQUE;
         if (hidden) break;
     }
-    for (uint row = 0u; row < 8u; row++) {
-        uvec2 pixel = corner + uvec2(gl_LocalInvocationID.x, row);
-        if (pixel.x < size.x && pixel.y < size.y) {
-            // What lies behind a hidden rest looks like what lies before it, not like the background.
-            float left = hidden ? 0.0 : acc[row].w;
-            float scale = (1.0 - left) / max(1.0 - acc[row].w, 1.0e-6) / 1023.0;
-            vec3 rgb = acc[row].rgb * scale + left * background;
-            pixels[pixel.y * size.x + pixel.x] = packUnorm4x8(vec4(rgb, 1.0 - left));
-        }
-    }
+#define STORE(x) \
+    for (int row = 0; row < 8; row++) store(acc[x + row], hidden, corner + uvec2(x / 8, row));
+    EIGHT(STORE)
 }

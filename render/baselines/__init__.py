@@ -1,0 +1,1 @@
+"""Renderers that `livedrive bench render` measures ours against."""
