@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import tyro
 from tyro.conf import Positional, subcommand
@@ -55,11 +55,13 @@ class Export:
 
     folder: Positional[Path]
     out: Positional[Path]
+    drop: Literal["audio", "eyes"] | None = None
+    """Leave the voice or the eyes out."""
 
     def run(self) -> None:
         from sensors import session
 
-        print(json.dumps(session.export(self.folder, self.out), indent=2))
+        print(json.dumps(session.export(self.folder, self.out, drop=self.drop), indent=2))
 
 
 @dataclass(kw_only=True)

@@ -6,11 +6,22 @@ marked as a gap. Nothing here waits: a lost sensor costs its own data and no fra
 """
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from sensors.audio_timeline import AudioTimeline
 from sensors.eyes.camera import EyeCamera
-from sensors.microphone import Microphone
-from sensors.types import SAMPLE_RATE, AudioPacket, Clock, Packet, SourceInfo
+from sensors.types import SAMPLE_RATE, AudioPacket, Clock, Packet, Source, SourceInfo
+
+
+class LiveMicrophone(Source, Protocol):
+    """A Source of sound that comes and goes: a device here, or one on the network."""
+
+    problem: str  # why there is no sound now; empty while there is
+    losses: int  # times that sound was lost
+    reopened: int
+
+    @property
+    def drift_ppm(self) -> float: ...
 
 
 class LiveSource:
@@ -18,7 +29,7 @@ class LiveSource:
 
     def __init__(
         self,
-        microphone: Microphone | None,
+        microphone: LiveMicrophone | None,
         cameras: Sequence[EyeCamera],
         clock: Clock,
         *,

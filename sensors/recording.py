@@ -91,14 +91,15 @@ class RecordingWriter:
                 f"{self.folder}: expected a new or empty folder, got one with files in it; "
                 "choose another name or remove it"
             )
-        self.folder.mkdir(parents=True, exist_ok=True)
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._eye_codec = eye_codec
         self._card = fmt.new_card(
             created, devices or {}, calibration or {}, eye_codec, audio_format
         )
-        self._timeline = (self.folder / fmt.TIMELINE_FILE).open("ab", buffering=0)
+        timeline = fmt.make_private(self.folder / fmt.TIMELINE_FILE)
+        self._timeline = timeline.open("ab", buffering=0)
         lock(self._timeline)
-        self._wav = WavWriter(self.folder / fmt.AUDIO_FILE, audio_format)
+        self._wav = WavWriter(fmt.make_private(self.folder / fmt.AUDIO_FILE), audio_format)
         self._eyes: dict[int, EyeVideoWriter] = {}
         self._start_ns: int | None = None
         self._closed = False
@@ -117,7 +118,7 @@ class RecordingWriter:
         else:
             check_eye(packet)
             if packet.eye not in self._eyes:
-                path = self.folder / fmt.EYE_FILES[packet.eye]
+                path = fmt.make_private(self.folder / fmt.EYE_FILES[packet.eye])
                 self._eyes[packet.eye] = EyeVideoWriter(path, self._eye_codec)
             picture = self._eyes[packet.eye].append(packet.image, packet.t_ns - self._start_ns)
             entry = EyeEntry(packet.t_ns, packet.eye, packet.counter, picture)

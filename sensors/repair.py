@@ -67,7 +67,7 @@ def _mend(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
             whole = entry.picture < pictures[entry.eye]
         if whole:
             kept.append(entry)
-    part = folder / (fmt.TIMELINE_FILE + ".part")
+    part = fmt.make_private(folder / (fmt.TIMELINE_FILE + ".part"))
     part.write_bytes(b"".join(map(fmt.entry_line, kept)))
     os.replace(part, folder / fmt.TIMELINE_FILE)
     lost = {"packets_lost_in_repair": len(entries) - len(kept)}

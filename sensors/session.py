@@ -8,7 +8,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from fractions import Fraction
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from sensors.clock import ManualClock
 from sensors.media import eye_pictures, sound_blocks
 from sensors.recording import Recording, RecordingWriter
 from sensors.replay import ReplaySource
+from sensors.session_format import make_private
 from sensors.streams import EyeStream
 from sensors.types import (
     EYE_NAMES,
@@ -96,10 +97,13 @@ def info(folder: str | Path) -> dict[str, Any]:
         }
 
 
-def export(folder: str | Path, out: str | Path) -> dict[str, Any]:
+def export(
+    folder: str | Path, out: str | Path, *, drop: Literal["audio", "eyes"] | None = None
+) -> dict[str, Any]:
     """Write an MKV for any player: both eyes side by side (left first) with the sound.
 
-    It shows the assembled 30 FPS frames, so what is seen is what the driver gets.
+    It shows the assembled 30 FPS frames, so what is seen is what the driver gets. `drop` leaves the
+    voice or the eyes out, before the file is given to others.
     """
     import av
 
@@ -109,13 +113,18 @@ def export(folder: str | Path, out: str | Path) -> dict[str, Any]:
     if not out.parent.is_dir():
         raise InputError(f"{out}: expected an existing folder, got {out.parent}; create it first")
     with Recording(folder) as recording:
-        container: Any = av.open(str(out), "w", format="matroska")
+        shown = bool(recording.eyes) and drop != "eyes"
+        if not shown and drop == "audio":
+            raise InputError(f"{folder}: expected something to export, got a session without eyes")
+        container: Any = av.open(str(make_private(out)), "w", format="matroska")
         picture: Any = None
-        if recording.eyes:
+        sound: Any = None
+        if shown:
             picture = container.add_stream("libx264", rate=FPS, options={"crf": "18"})
             picture.width, picture.height, picture.pix_fmt = 2 * EYE_SIZE, EYE_SIZE, "yuv420p"
-        sound: Any = container.add_stream("pcm_s16le", rate=SAMPLE_RATE)
-        sound.layout = "mono"
+        if drop != "audio":
+            sound = container.add_stream("pcm_s16le", rate=SAMPLE_RATE)
+            sound.layout = "mono"
         count = 0
         for frame in replay_frames(recording):
             _export_frame(container, picture, sound, frame)
@@ -203,6 +212,8 @@ def _export_frame(container: Any, picture: Any, sound: Any, frame: SensorFrame) 
         image = av.VideoFrame.from_ndarray(both, format="gray")
         image.pts, image.time_base = frame.index, Fraction(1, FPS)
         container.mux(picture.encode(image))
+    if sound is None:
+        return
     values = np.clip(np.rint(frame.audio * 32768), -32768, 32767).astype(np.int16)
     chunk = av.AudioFrame.from_ndarray(values[None], format="s16", layout="mono")
     chunk.sample_rate, chunk.time_base = SAMPLE_RATE, Fraction(1, SAMPLE_RATE)

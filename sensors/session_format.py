@@ -54,6 +54,13 @@ def end_ns(entry: Entry) -> int:
     return entry.t_ns
 
 
+def make_private(path: Path) -> Path:
+    """Create the file for its owner alone (0600): voices and eyes are biometric. Returns `path`."""
+    os.close(os.open(path, os.O_CREAT | os.O_WRONLY, 0o600))
+    path.chmod(0o600)
+    return path
+
+
 def new_card(
     created: str,
     devices: Mapping[str, str],
@@ -77,7 +84,7 @@ def new_card(
 
 def write_card(folder: Path, card: Mapping[str, Any]) -> None:
     """Replace session.json in one step: a kill leaves the old or the new one, never half."""
-    part = folder / (CARD_FILE + ".part")
+    part = make_private(folder / (CARD_FILE + ".part"))
     part.write_text(json.dumps(card, indent=2) + "\n", encoding="utf-8")
     os.replace(part, folder / CARD_FILE)
 

@@ -1,10 +1,11 @@
 """EyeCamera: a thread that keeps one camera alive and holds its newest pictures.
 
-Flow: Link.read -> checks -> Views -> latest-picture slot -> poll. The states are connecting, live
+Flow: Link.read -> checks -> Views -> newest pictures -> poll. The states are connecting, live
 and waiting; a lost camera is tried again with growing pauses and never holds up the tick.
 """
 
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,6 +21,9 @@ MAX_ODD_RUN = 5  # pictures of another size in a row: the camera has changed its
 RETRY_S = (0.1, 0.2, 0.4, 0.8)  # waits between attempts to connect; the last one repeats
 MIN_INTERVAL_NS = NS // 150  # pictures that follow faster are not even checked
 JOIN_S = 1.5
+# Pictures held for the next poll. A frame ends before its sound has come in, so the picture that
+# belongs to it may have up to three younger ones at 120 Hz; the assembler takes the right one.
+NEWEST = 4
 
 Connect = Callable[[], Link]
 
@@ -46,7 +50,7 @@ class EyeCamera:
         self.delay_ns = 0  # of the newest picture: arrival to here, decoded and cut
         self.newest_ns: int | None = None  # time of the newest picture
         self._connect, self._clock = connect, clock
-        self._slot: dict[int, EyePacket] = {}
+        self._newest: deque[list[EyePacket]] = deque(maxlen=NEWEST)
         self._lock = threading.Lock()
         self._closing = threading.Event()
         self._thread: threading.Thread | None = None
@@ -73,17 +77,19 @@ class EyeCamera:
         self._thread.start()
 
     def poll(self) -> list[EyePacket]:
-        """The newest picture of each eye that has not been handed out yet."""
+        """The newest pictures that have not been handed out yet, oldest first."""
         with self._lock:
-            slot, self._slot = self._slot, {}
-        return list(slot.values())
+            shots = list(self._newest)
+            self._newest.clear()
+        return [packet for shot in shots for packet in shot]
 
     def close(self) -> None:
         if self._thread is not None:
             self._closing.set()
             self._thread.join(JOIN_S)
             self._thread = None
-        self._slot, self.state = {}, "closed"
+        self._newest.clear()
+        self.state = "closed"
 
     def _run(self) -> None:
         failures = 0
@@ -134,7 +140,7 @@ class EyeCamera:
                     raise CameraLostError(f"only damaged pictures ({error})") from None
 
     def _keep(self, shot: Shot) -> None:
-        """Check the picture, cut it and put it in the slot. Raises BadPictureError."""
+        """Check the picture, cut it and hold it for the next poll. Raises BadPictureError."""
         self._check_shape(shot.image.shape)
         check_content(shot.image)
         t_ns = shot.arrival_ns
@@ -142,10 +148,10 @@ class EyeCamera:
             t_ns = min(self._map.update(shot.device_ns, shot.arrival_ns), shot.arrival_ns)
         t_ns = self._last_ns = max(t_ns, self._last_ns + 1)
         views = self.views.cut(shot.image)
-        packets = {eye: EyePacket(t_ns, eye, self._counter, view) for eye, view in views}
+        packets = [EyePacket(t_ns, eye, self._counter, view) for eye, view in views]
         with self._lock:
-            self.counts.unused += bool(self._slot)
-            self._slot = packets
+            self.counts.unused += len(self._newest) == NEWEST
+            self._newest.append(packets)
         self._counter += 1
         self.counts.pictures += 1
         self.newest_ns = t_ns

@@ -25,7 +25,7 @@ class SerialCamera:
         self._rng = np.random.default_rng(seed)
         self._closing = threading.Event()
         self.plug()
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def plug(self) -> None:
