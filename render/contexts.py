@@ -25,6 +25,10 @@ APT_LINES = {
 }
 
 
+class ContextLostError(RuntimeError):
+    """The driver threw the context away (a reset GPU, a suspended laptop): open another."""
+
+
 @dataclass
 class GLContext:
     """A current OpenGL context; the renderers see no difference between the backends."""
@@ -48,8 +52,10 @@ class GLContext:
         self.gl.__enter__()
 
     def check_errors(self, where: str) -> None:
-        """Raise if any GL call since the last check has failed."""
+        """Raise if any GL call since the last check has failed; ContextLostError if all will."""
         error = self.gl.error
+        if error == "GL_UNKNOWN_ERROR":  # moderngl's word for GL_CONTEXT_LOST, which it lacks
+            raise ContextLostError(f"{where}: the GL context of {self.renderer} was lost")
         if error != "GL_NO_ERROR":
             raise RuntimeError(f"{where}: {error} on {self.renderer}")
 
@@ -87,11 +93,8 @@ class _GlfwLoader:
     def release(self) -> None: ...
 
 
-def create_context(
-    backend: str = "auto", size: tuple[int, int] = (512, 512), transparent: bool = False
-) -> GLContext:
-    """Open a context; "auto" takes EGL, else OSMesa. The rest matters to "window" only: its size
-    in px, and whether the desktop shines through where alpha is 0 (if the desktop can do that)."""
+def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) -> GLContext:
+    """Open a context; "auto" takes EGL, else OSMesa. `size` matters to "window" only."""
     if backend not in BACKENDS:
         raise InputError(
             f"GL backend: expected one of {', '.join(BACKENDS)}, got {backend!r}; try auto"
@@ -101,7 +104,7 @@ def create_context(
     if backend == "osmesa":
         return _create_osmesa()
     if backend == "window":
-        return _create_window(size, transparent)
+        return _create_window(size)
     try:
         return _create_egl()
     except InputError as no_egl:
@@ -141,14 +144,14 @@ def _create_osmesa() -> GLContext:
     return _create_glfw("osmesa", hints, (16, 16))
 
 
-def _create_window(size: tuple[int, int], transparent: bool) -> GLContext:
+def _create_window(size: tuple[int, int]) -> GLContext:
     import glfw
 
     glfw.init_hint(glfw.PLATFORM, glfw.ANY_PLATFORM)
     hints = {
         glfw.RESIZABLE: glfw.TRUE,
         glfw.SCALE_TO_MONITOR: glfw.TRUE,
-        glfw.TRANSPARENT_FRAMEBUFFER: glfw.TRUE if transparent else glfw.FALSE,
+        glfw.TRANSPARENT_FRAMEBUFFER: glfw.TRUE,  # where the desktop can do that
     }
     return _create_glfw("window", hints, size)
 

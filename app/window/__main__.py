@@ -26,7 +26,7 @@ def main() -> None:
         from app.window.screen import Screen
         from app.window.window import Window
 
-        screen = Screen(f"livedrive - {info.title}", info.background == "transparent")
+        screen = Screen(f"livedrive - {info.title}")
         window = Window(screen, memory, info)
     except (InputError, RenderInputError) as error:
         memory.wishes["error"] = str(error).encode()[:400]

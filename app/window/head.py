@@ -30,6 +30,7 @@ uniform vec4 area;           // x, y, width, height in px from the upper left
 uniform float window_height; // px
 uniform vec4 background;     // premultiplied
 uniform bool studio;         // a soft light behind the head instead
+uniform bool checkered;      // squares instead: where the desktop cannot shine through
 uniform bool mirror;
 out vec4 color;
 
@@ -44,6 +45,10 @@ void main() {
         float light = mix(0.225, 0.085, smoothstep(0.0, 0.78, far));
         light += (noise(gl_FragCoord.xy) - 0.5) / 255.0;  // no bands in the gradient
         behind = vec4(vec3(0.93, 0.98, 1.07) * light, 1.0);
+    }
+    if (checkered) {
+        ivec2 square = ivec2(place) / 16;
+        behind = vec4(vec3((square.x + square.y) % 2 == 0 ? 0.30 : 0.24), 1.0);
     }
     vec4 front = vec4(0.0);
     if (all(greaterThanEqual(uv, vec2(0.0))) && all(lessThan(uv, vec2(1.0))))
@@ -89,6 +94,7 @@ class HeadView:
         window: tuple[int, int],
         background: Fill,
         mirror: bool,
+        see_through: bool,  # the desktop shines through where alpha is 0
     ) -> None:
         """Fill the view with the background and the last picture."""
         gl, program = self._context.gl, self._program
@@ -103,6 +109,7 @@ class HeadView:
         program["studio"] = background == "studio"
         red, green, blue, alpha = (0.0,) * 4 if background == "studio" else background
         program["background"] = (red * alpha, green * alpha, blue * alpha, alpha)
+        program["checkered"] = alpha < 1.0 and background != "studio" and not see_through
         program["mirror"] = mirror
         self._triangle.render(moderngl.TRIANGLES, vertices=3)
         gl.screen.scissor = (0, 0, *window)

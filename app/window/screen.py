@@ -19,8 +19,8 @@ FALLBACK_HZ = 60
 class Screen:
     """Opens the window; `begin` and `end` enclose a picture."""
 
-    def __init__(self, title: str, transparent: bool) -> None:
-        self.context: GLContext = create_context("window", SIZE, transparent)
+    def __init__(self, title: str) -> None:
+        self.context: GLContext = create_context("window", SIZE)
         self.window: Any = self.context.window
         glfw.set_window_title(self.window, title)
         imgui.create_context()
@@ -42,6 +42,9 @@ class Screen:
             glfw.swap_interval(0)  # nothing waits for this screen; `end` paces
         else:
             glfw.swap_interval(1)
+        self.see_through = bool(
+            glfw.get_window_attrib(self.window, glfw.TRANSPARENT_FRAMEBUFFER)
+        )  # the desktop shines through where alpha is 0
         self._normal = (*glfw.get_window_pos(self.window), *glfw.get_window_size(self.window))
         self._began_ns = self._next_ns = time.monotonic_ns()
         self.hz = 0.0  # pictures a second, lately

@@ -139,7 +139,7 @@ class Window:
         head.draw(*shown, state.orbit, view)
         cost_ms = (time.monotonic_ns() - began_ns) / 1e6
         state.draw_ms += (cost_ms - state.draw_ms) * (0.1 if state.draw_ms else 1.0)
-        head.show(view, window, state.fill, state.mirror)
+        head.show(view, window, state.fill, state.mirror, self._screen.see_through)
         return shown if self._number >= 0 else None
 
     def _hand(self, view: Rect) -> None:

@@ -13,6 +13,7 @@ from desktop import Desktop, open_desktop, wait_for
 
 from app.sinks.sink import FrameResult, RunInfo
 from app.stages import STAGES
+from app.tape import Tape
 from app.window.layout import SIZE, arrange, toolbar_button
 from app.window.shared import WindowInfo
 from app.window.sink import WindowSink
@@ -111,6 +112,9 @@ def test_it_shows_the_head_and_obeys_clicks_and_keys(hand: Hand, tmp_path: Path)
     desktop.key("BackSpace")
     wait_for(lambda: read().resets == 1)
 
+    for key in ("F11", "F11", "Tab", "Tab", "x", "b", "s"):
+        desktop.key(key)
+        hand.settle()  # still alive
     before = desktop.screenshot()[300:500, 300:600].astype(int)
     desktop.key("F1")
     hand.settle()
@@ -158,6 +162,20 @@ def test_a_stopped_window_holds_up_no_tick(hand: Hand) -> None:
     finally:
         os.kill(process, signal.SIGCONT)
     wait_for(lambda: hand.memory("shown") == 3000)
+
+
+def test_a_failed_recording_takes_the_button_back(hand: Hand, tmp_path: Path) -> None:
+    class Broken:
+        problem = "No space left on device"
+
+        def __init__(self, folder: Path) -> None: ...
+        def append(self, packet: object) -> None: ...
+        def close(self) -> None: ...
+
+    hand.sink._tape = Tape(None, Broken)  # noqa: SLF001
+    hand.click("record")
+    wait_for(lambda: not hand.sink.read().recording and hand.sink._tape.sessions)  # noqa: SLF001
+    hand.sink._tape.close()  # noqa: SLF001
 
 
 def test_a_crashed_window_ends_nothing(hand: Hand, capsys: pytest.CaptureFixture[str]) -> None:
