@@ -70,7 +70,10 @@ class Camera:
 class Renderer(Protocol):
     """Draws Gaussians; the GL renderers and the numpy reference all satisfy this."""
 
-    name: str  # what draws, for reports, e.g. "tiles on llvmpipe (...)"
+    @property
+    def name(self) -> str:
+        """What draws, for reports, e.g. "tiles on llvmpipe (...)"."""
+        ...
 
     @property
     def dropped(self) -> int:

@@ -11,6 +11,7 @@ import pytest
 from scenes import head_scene, join, psnr_db, single, take
 
 from render.cameras import portrait
+from render.contexts import ContextLostError
 from render.errors import InputError
 from render.reference import ReferenceRenderer
 from render.renderer import create_renderer
@@ -170,6 +171,17 @@ def test_two_renderers_in_one_process(tiles):
     assert (draw(other, scene, camera) == first).all()
     other.close()
     assert (draw(tiles, scene, camera) == first).all()
+
+
+def test_a_lost_context_is_replaced_and_the_picture_drawn_again(tiles):
+    renderer, scene, camera = create_renderer("egl", "tiles"), head_scene(500), portrait(64, 64)
+    lost = renderer._inner._context
+    lost.check_errors = lambda where: (_ for _ in ()).throw(ContextLostError(where))
+    assert (draw(renderer, scene, camera) == draw(tiles, scene, camera)).all()
+    assert renderer.recoveries == 1
+    assert (draw(renderer, scene, camera) == draw(tiles, scene, camera)).all()
+    assert renderer.recoveries == 1
+    renderer.close()
 
 
 def test_resize_up_and_down(gl_renderer):
