@@ -93,7 +93,8 @@ class TorchBackend:
         return y[0, 0].cpu().numpy(), {**state, "past": after}
 
 
-def _session(model: ModelProto) -> Any:
+def session(model: ModelProto) -> Any:
+    """An ONNX Runtime session on one thread that does not spin."""
     import onnxruntime
 
     options = onnxruntime.SessionOptions()
@@ -129,10 +130,10 @@ class OnnxBackend:
         self.shapes = onnx_graph.audio_shapes(self.audio_config)
         self.prior = weights.get("norms.0.prior")
         self.encoders = {
-            n: _session(onnx_graph.audio_model(self.audio_config, weights, n, int8)) for n in counts
+            n: session(onnx_graph.audio_model(self.audio_config, weights, n, int8)) for n in counts
         }
         weights = {name: tensor.numpy() for name, tensor in denoiser.state_dict().items()}
-        self.denoiser = _session(onnx_graph.denoiser_model(self.config, weights, int8))
+        self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, int8))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
 
@@ -211,8 +212,8 @@ def int8_is_exact() -> bool:
     graph = onnx_graph.Graph(int8=True)
     rows = onnx_graph.MIN_INT8_INPUTS
     graph.rename(graph.linear("x", np.ones((rows, 16)), np.zeros(16)), "y")
-    session = _session(graph.model({"x": [1, rows]}, {"y": [1, 16]}))
-    (y,) = session.run(None, {"x": np.ones((1, rows), np.float32)})
+    runner = session(graph.model({"x": [1, rows]}, {"y": [1, 16]}))
+    (y,) = runner.run(None, {"x": np.ones((1, rows), np.float32)})
     return bool(np.allclose(y, rows, rtol=0.01))
 
 

@@ -1,0 +1,81 @@
+"""The eye encoder at run time: a pair of near-eye pictures -> what they show (paper section 5.2).
+
+Where: SensorFrame.eyes -> EyeEncoder -> EyeReading -> EyeTracker -> condition e and gaze. ONNX
+Runtime on one thread; frame by frame, so streaming and offline are the same thing.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.checkpoint import config_from, load
+
+if TYPE_CHECKING:
+    from encoder.eye_network import EyeNetConfig
+
+Array = NDArray[np.float32]
+MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
+
+
+class EyeReading(NamedTuple):
+    """Left eye first. Everything is finite, whatever the pictures show."""
+
+    features: Array  # [2, 80] in -1..1, of left-like eyes
+    gaze: Array  # [2, 3] unit vectors, head frame
+    lids: Array  # [2] opening: 0 shut .. 1 open
+    score: Array  # [2] 0..1: is this the right eye, seen by a working camera?
+
+
+class EyeEncoder:
+    """Holds weights only."""
+
+    def __init__(self, config: EyeNetConfig, weights: dict[str, Any]) -> None:
+        from encoder.eye_graph import eye_model
+        from encoder.inference import session
+
+        weights = {name: np.asarray(array, np.float32) for name, array in weights.items()}
+        self.config = config
+        self._session = session(eye_model(config, weights))
+        self._maps = [
+            (weights[f"synthesis.{i}.weight"].T.copy(), weights[f"synthesis.{i}.bias"])
+            for i in (0, 2)
+        ]
+
+    def __call__(
+        self,
+        eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
+    ) -> EyeReading:
+        from encoder.eye_network import normalised, pixels, unit
+
+        features, heads = self._session.run(None, {"pixels": normalised(pixels(eyes))})
+        gaze = unit(np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1))
+        score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
+        return EyeReading(features, gaze, np.clip(heads[:, 2], 0, 1), score)
+
+    def synthesise(
+        self,
+        gaze: Array,  # [2, 3] unit vectors, head frame
+        lids: Array,  # [2] opening
+    ) -> Array:  # [2, 80]
+        """The features that such eyes would give on average."""
+        from encoder.eye_network import GAZE_UNIT, RIG
+
+        face = np.zeros((2, 2 + len(RIG)), np.float32)
+        face[:, :1] = gaze[:, :1] * MIRROR / GAZE_UNIT
+        face[:, 1] = gaze[:, 1] / GAZE_UNIT
+        face[:, 2] = 1 - lids  # eyeBlink
+        (first, first_bias), (second, second_bias) = self._maps
+        return np.tanh(np.tanh(face @ first + first_bias) @ second + second_bias)
+
+
+def load_eye_encoder(folder: Path) -> EyeEncoder:
+    """The trained eye encoder of a weights folder; InputError where it is missing or damaged."""
+    from encoder.eye_network import EyeNetConfig
+
+    tensors, card = load(folder / "eyes", "eyes")
+    weights = {name: tensor.float().numpy() for name, tensor in tensors.items()}
+    return EyeEncoder(config_from(EyeNetConfig, card["config"]), weights)

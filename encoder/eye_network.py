@@ -1,0 +1,129 @@
+"""The eye encoder's network: one near-eye picture -> 80 features, gaze, lid opening, validity.
+
+Both eyes share the weights: the right eye's picture and gaze are mirrored, so the network only ever
+sees left eyes. Frame by frame, no memory. Paper section 5.2 takes its features from a facial
+encoder (Bai et al. 2024); here they are the last hidden layer of a small network that was trained
+on the capture stage's renders to tell gaze, lid and the upper face's rig channels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from sensors.types import EYE_SIZE
+
+SHRINK = 4  # the network sees means of 4 x 4 pixels
+SIDE = EYE_SIZE // SHRINK  # 100
+FEATURES = 80  # an eye; e is 160
+# What the upper face does, besides gaze, as far as an eye camera can see it.
+RIG = ("eyeBlink", "eyeSquint", "eyeWide", "browDown", "browInnerUp", "browOuterUp", "cheekSquint")
+MIN_SPREAD = 4.0  # grey levels; a flatter picture is not stretched any further
+MAX_SINE = 0.85  # of the angle off straight ahead
+GAZE_UNIT = 0.2  # the network's 1.0 is 11.5 degrees
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyeNetConfig:
+    """Layers are (channels, kernel, stride); a stride of 1 adds its input (residual)."""
+
+    layers: tuple[tuple[int, int, int], ...] = (
+        *((8, 5, 2), (16, 3, 2), (16, 3, 1), (40, 3, 2), (40, 3, 1), (64, 3, 2), (64, 3, 1)),
+    )
+    features: int = FEATURES
+    synthesis: int = 64  # width of the map from gaze and rig back to features
+
+
+PRESETS = {
+    "debug": EyeNetConfig(layers=((4, 5, 4), (8, 3, 2), (8, 3, 1), (8, 3, 2)), synthesis=16),
+    "default": EyeNetConfig(),
+}
+
+
+class EyeOutputs(NamedTuple):
+    """Of left-like eyes; B pictures."""
+
+    features: Tensor  # [B, 80] in -1..1
+    gaze: Tensor  # [B, 2] x and y of the unit vector, +x away from the nose, +y up
+    lid: Tensor  # [B] opening: 0 shut, 1 open
+    valid: Tensor  # [B] logit: is this a left eye, seen by a working camera?
+    rig: Tensor  # [B, 7] RIG
+
+
+def pixels(
+    eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
+) -> NDArray[np.uint8]:  # [2, 100, 100]
+    """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
+    rows = eyes.reshape(2, SIDE, SHRINK, EYE_SIZE)
+    tall = rows[:, :, 0].astype(np.uint16)
+    for k in range(1, SHRINK):
+        tall += rows[:, :, k]
+    small = tall.reshape(2, SIDE, SIDE, SHRINK).sum(-1, dtype=np.uint16)
+    small = ((small + 8) >> 4).astype(np.uint8)
+    small[1] = small[1, :, ::-1].copy()
+    return small
+
+
+def normalised(small: NDArray[np.uint8]) -> NDArray[np.float32]:
+    """[B, 100, 100] -> [B, 1, 100, 100] of mean 0 and spread 1, in -3..3: exposure cancels."""
+    x = small.astype(np.float32)
+    mean = x.mean((1, 2), keepdims=True)
+    spread = np.maximum(x.std((1, 2), keepdims=True), MIN_SPREAD)
+    return np.clip((x - mean) / spread, -3, 3)[:, None]
+
+
+def unit(gaze: NDArray[np.floating]) -> NDArray[np.float32]:
+    """x and y [..., 2] -> forward unit vectors [..., 3]."""
+    xy = np.asarray(gaze, np.float64)
+    length = np.linalg.norm(xy, axis=-1, keepdims=True)
+    xy = xy * (MAX_SINE / np.maximum(length, MAX_SINE))
+    z = np.sqrt(1 - (xy * xy).sum(-1, keepdims=True))
+    return np.concatenate([xy, z], -1).astype(np.float32)
+
+
+class EyeNet(nn.Module):
+    """Convolutions down to 7 x 7, one linear layer to the features, linear heads."""
+
+    subject_spread: Tensor
+    frame_spread: Tensor
+
+    def __init__(self, config: EyeNetConfig) -> None:
+        super().__init__()
+        self.config = config
+        channels, side = 1, SIDE
+        self.convs, self.norms = nn.ModuleList(), nn.ModuleList()
+        for width, kernel, stride in config.layers:
+            conv = nn.Conv2d(channels, width, kernel, stride, kernel // 2, bias=False)
+            self.convs.append(conv)
+            self.norms.append(nn.BatchNorm2d(width))
+            channels, side = width, -(-side // stride)
+        self.project = nn.Linear(channels * side * side, config.features)
+        self.heads = nn.Linear(config.features, 4 + len(RIG))
+        # what features a gaze and a face would give: for training data, and for lost cameras
+        self.synthesis = nn.Sequential(
+            nn.Linear(2 + len(RIG), config.synthesis),
+            nn.Tanh(),
+            nn.Linear(config.synthesis, config.features),
+        )
+        # how real features scatter about it: a constant of each subject, and frame by frame
+        self.register_buffer("subject_spread", torch.zeros(config.features, config.features))
+        self.register_buffer("frame_spread", torch.zeros(config.features, config.features))
+
+    def forward(self, x: Tensor) -> EyeOutputs:  # [B, 1, 100, 100] of `normalised`
+        for conv, norm, (_, _, stride) in zip(
+            self.convs, self.norms, self.config.layers, strict=True
+        ):
+            y = norm(conv(x)).contiguous(memory_format=torch.channels_last)  # a third faster
+            x = torch.relu(y + x if stride == 1 else y)
+        features = torch.tanh(self.project(x.flatten(1)))
+        gaze, lid, valid, rig = self.heads(features).split([2, 1, 1, len(RIG)], 1)
+        return EyeOutputs(features, gaze * GAZE_UNIT, lid[:, 0], valid[:, 0], rig)
+
+    def synthesise(self, gaze: Tensor, rig: Tensor) -> Tensor:
+        """gaze [..., 2] and rig [..., 7] of left-like eyes -> features [..., 80]."""
+        return torch.tanh(self.synthesis(torch.cat([gaze / GAZE_UNIT, rig], -1)))

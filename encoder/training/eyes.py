@@ -1,0 +1,153 @@
+"""Stage "eyes": train the eye encoder on the capture stage's renders (paper section 5.2).
+
+Gaze, lid opening, the upper face's rig channels and validity are regressed from the features, whose
+80 numbers an eye are the condition e. Beside it a small map from gaze and rig back to features is
+learned: it makes e for the denoiser's training data and for lost cameras. Subjects are split.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from encoder import checkpoint
+from encoder.eye_network import GAZE_UNIT, PRESETS, EyeNet, EyeNetConfig, unit
+from encoder.training import loop
+from encoder.training.eye_pictures import EyePictures, augmented, standard
+
+TRUTH = "made by rules; pictures rendered by the capture stage"
+OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+TEST_SHARE = 10  # every tenth subject is never trained on
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyesConfig:
+    pictures: Path  # folder with eyes_*.npz
+    output: Path  # checkpoint, without suffix
+    run: loop.Run
+    net: EyeNetConfig = PRESETS["default"]
+    steps: int = 3000
+    batch: int = 128
+    rate: float = 2e-3
+
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "debug": {"net": PRESETS["debug"], "steps": 2, "batch": 8},
+    "default": {},
+    "paper": {"steps": 30_000},
+}
+
+
+def preset(name: str, **settings: Any) -> EyesConfig:
+    return replace(EyesConfig(**settings), **SETTINGS[name])
+
+
+def losses(net: EyeNet, data: EyePictures, chosen: np.ndarray) -> dict[str, Tensor]:
+    """On pictures `chosen` [B] of the data, distorted at random."""
+    x, valid = augmented(data.pictures[chosen])
+    out = net(x)
+    gaze, lids, rig = (
+        torch.from_numpy(array[chosen]) for array in (data.gaze, data.lids, data.rig)
+    )
+    weight = valid * torch.where(lids > OPEN_ENOUGH, 1.0, 0.02)
+    sight = functional.smooth_l1_loss(
+        out.gaze.float() / GAZE_UNIT, gaze / GAZE_UNIT, reduction="none", beta=0.1
+    )
+    synthesised = net.synthesise(gaze, rig)
+    features = out.features.float().detach()
+    result = {
+        "gaze": (sight.mean(1) * weight).sum() / weight.sum().clamp(min=1),
+        "lid": ((out.lid.float() - lids).abs() * valid).mean(),
+        "rig": ((out.rig.float() - rig).square().mean(1) * valid).mean(),
+        "valid": functional.binary_cross_entropy_with_logits(out.valid.float(), valid.float()),
+        "synthesis": ((synthesised - features).square().mean(1) * valid).mean(),
+    }
+    weights = {"gaze": 2.0, "lid": 1.5, "rig": 2.0, "valid": 0.2, "synthesis": 1.0}
+    return result | {"total": sum((weights[k] * v for k, v in result.items()), torch.zeros(()))}
+
+
+def run(config: EyesConfig) -> dict[str, float]:
+    """Train, judge on held-out subjects, and write the encoder with its card."""
+    torch.manual_seed(config.run.seed)
+    pictures = EyePictures.load(config.pictures)
+    held_out = pictures.subject % TEST_SHARE == TEST_SHARE - 1
+    train, test = pictures.where(~held_out), pictures.where(held_out)
+    net = EyeNet(config.net)
+
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        return losses(net, train, rng.integers(len(train.lids), size=config.batch))
+
+    metrics, curve = loop.train(
+        "eyes", {"net": net}, step_losses, steps=config.steps, rate=config.rate, run=config.run
+    )
+    net.eval()
+    fit_spreads(net, train)
+    if len(test.lids):
+        metrics |= judge(net, test)
+    card = {
+        "kind": "eyes",
+        "config": asdict(config.net),
+        "data": {"rendered eyes": "made by rules"},
+        "truth": TRUTH,
+        "steps": config.steps,
+        "pictures": len(train.lids),
+        **config.run.card(metrics, curve),
+    }
+    checkpoint.save(config.output, loop.halved(net.state_dict()), card)
+    return metrics
+
+
+@torch.no_grad()
+def predict(net: EyeNet, x: Tensor) -> list[np.ndarray]:
+    """[n, 1, 100, 100] -> features, gaze, lid, valid, rig, in batches."""
+    parts = [net(part) for part in x.split(256)]
+    return [torch.cat(columns).numpy() for columns in zip(*parts, strict=True)]
+
+
+@torch.no_grad()
+def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
+    """How features scatter about what the synthesis says: frame by frame, and between subjects.
+
+    Cameras sit still: what moving and lighting the pictures adds counts as a subject's constant.
+    """
+    chosen = np.linspace(0, len(data.lids) - 1, min(count, len(data.lids))).astype(int)
+    gaze, rig = torch.from_numpy(data.gaze[chosen]), torch.from_numpy(data.rig[chosen])
+    expected = net.synthesise(gaze, rig).numpy()
+    subject = data.subject[chosen]
+    _, place = np.unique(subject, return_inverse=True)
+    still = predict(net, standard(torch.from_numpy(data.pictures[chosen]).float()))[0] - expected
+    means = np.stack([np.bincount(place, c) / np.bincount(place) for c in still.T], 1)
+    frame = np.cov((still - means[place]).T)
+    x, valid = augmented(data.pictures[chosen])
+    every = (predict(net, x)[0] - expected)[valid.numpy()]
+    for buffer, covariance in (
+        (net.frame_spread, frame),
+        (net.subject_spread, np.cov(every.T) - frame),
+    ):
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        buffer.copy_(torch.from_numpy(root @ vectors.T))
+
+
+def judge(net: EyeNet, data: EyePictures) -> dict[str, float]:
+    """Errors on pictures as they were rendered."""
+    x = standard(torch.from_numpy(data.pictures).float())
+    _, gaze, lid, valid, _ = predict(net, x)
+    seen = data.lids > OPEN_ENOUGH
+    off = gaze_error_deg(unit(gaze), unit(data.gaze))[seen]
+    return {
+        "heldout_gaze_deg_median": float(np.median(off)),
+        "heldout_gaze_deg_p95": float(np.percentile(off, 95)),
+        "heldout_lid_mae": float(np.abs(np.clip(lid, 0, 1) - data.lids).mean()),
+        "heldout_valid_share": float((valid > 0).mean()),
+    }
+
+
+def gaze_error_deg(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Unit vectors [..., 3] -> degrees between them [...]."""
+    chord = np.linalg.norm(actual.astype(np.float64) - expected, axis=-1)
+    return np.degrees(2 * np.arcsin(np.clip(chord / 2, 0, 1)))

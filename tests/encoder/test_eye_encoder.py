@@ -1,0 +1,92 @@
+"""The eye encoder: mirrored eyes, exposure, ONNX = PyTorch, finite on any picture."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from eye_material import drawn_eye, encoder, net
+
+from encoder.checkpoint import save
+from encoder.eye_encoder import load_eye_encoder
+from encoder.eye_network import GAZE_UNIT, normalised, pixels, unit
+from sensors.types import InputError
+
+
+def pair(seed: int = 0) -> np.ndarray:
+    x, y, lid = np.random.default_rng(seed).uniform((-0.2, -0.2, 0.2), (0.2, 0.2, 1))
+    return np.stack([drawn_eye(x, y, lid), drawn_eye(x - 0.1, y, lid)])
+
+
+def test_pixels_are_means_and_the_right_eye_is_mirrored() -> None:
+    eyes = np.random.default_rng(0).integers(0, 256, (2, 400, 400), dtype=np.uint8)
+    small = pixels(eyes)
+    block = eyes[0, 40:44, 80:84].astype(float).mean()
+    assert abs(float(small[0, 10, 20]) - block) <= 0.5
+    assert np.array_equal(pixels(eyes[:, :, ::-1][::-1]), small[::-1])
+
+
+def test_exposure_cancels() -> None:
+    small = pixels(pair())
+    dim = (small * 0.4 + 12).astype(np.uint8)
+    assert np.abs(normalised(small) - normalised(dim)).max() < 0.1
+    assert np.abs(normalised(np.zeros((2, 100, 100), np.uint8))).max() == 0
+
+
+def test_onnx_equals_torch() -> None:
+    made, reading = net(), encoder()(pair())
+    with torch.no_grad():
+        out = made(torch.from_numpy(normalised(pixels(pair()))))
+    assert np.abs(reading.features - out.features.numpy()).max() < 1e-5
+    expected = unit(out.gaze.numpy() * [[1, 1], [-1, 1]])
+    assert np.abs(reading.gaze - expected).max() < 1e-5
+    assert np.abs(reading.score - torch.sigmoid(out.valid).numpy()).max() < 1e-5
+    assert np.abs(reading.lids - out.lid.clamp(0, 1).numpy()).max() < 1e-5
+    assert reading.features.shape == (2, 80) and reading.features.std() > 0.01
+
+
+def test_a_mirrored_face_looks_the_other_way() -> None:
+    """Shared weights: swapping and mirroring the eyes swaps features and mirrors gaze."""
+    eyes = pair(1)
+    reading, other = encoder()(eyes), encoder()(eyes[::-1, :, ::-1])
+    assert np.abs(reading.features - other.features[::-1]).max() < 1e-5
+    mirrored = other.gaze[::-1] * np.array([-1, 1, 1], np.float32)
+    assert np.abs(reading.gaze - mirrored).max() < 1e-5
+    assert np.abs(reading.gaze[0] - reading.gaze[1]).max() > 1e-4
+
+
+def test_finite_on_any_picture() -> None:
+    encode = encoder()
+    noise = np.random.default_rng(0).integers(0, 256, (2, 400, 400), dtype=np.uint8)
+    for eyes in (noise, 0 * noise, 0 * noise + 255, noise // 250):
+        reading = encode(eyes.astype(np.uint8))
+        assert all(np.isfinite(array).all() for array in reading)
+        assert np.abs(reading.features).max() <= 1
+        assert np.abs(np.linalg.norm(reading.gaze, axis=1) - 1).max() < 1e-6
+        assert (reading.gaze[:, 2] > 0.5).all()
+
+
+def test_synthesised_features_are_the_networks() -> None:
+    gaze = unit(np.array([[0.1, -0.05], [0.15, -0.05]], np.float32))
+    lids = np.array([1.0, 0.3], np.float32)
+    made = net()
+    rig = torch.zeros(2, 7)
+    rig[:, 0] = 1 - torch.from_numpy(lids)
+    left_like = torch.tensor([[0.1, -0.05], [-0.15, -0.05]])
+    with torch.no_grad():
+        expected = made.synthesise(left_like, rig).numpy()
+    assert np.abs(encoder().synthesise(gaze, lids) - expected).max() < 1e-5
+    assert GAZE_UNIT > 0
+
+
+def test_loads_what_was_saved(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a .safetensors"):
+        load_eye_encoder(tmp_path)
+    made = net()
+    card = {"kind": "eyes", "config": asdict(made.config)}
+    save(tmp_path / "eyes", made.state_dict(), card)
+    expected, actual = encoder()(pair()), load_eye_encoder(tmp_path)(pair())
+    assert all(np.array_equal(a, b) for a, b in zip(expected, actual, strict=True))

@@ -1,0 +1,184 @@
+"""Lost eyes: hold, the other eye, synthesised gaze, and back; finite and without a jump."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from eye_material import encoder, graph, looks
+
+from encoder.eye_calibration import EyeCalibration
+from encoder.eye_encoder import EyeReading
+from encoder.eye_tracker import (
+    FADE_FRAMES,
+    HOLD_FRAMES,
+    OTHER,
+    OWN,
+    WALK,
+    EyeState,
+    EyeTracker,
+    Seen,
+)
+from encoder.gaze_statistics import step_deg
+from encoder.gaze_walk import GazeWalk
+
+ENCODER, GRAPH = encoder(), graph()
+BOTH = np.ones(2, bool)
+
+
+def tracker(calibration: EyeCalibration | None = None) -> EyeTracker:
+    return EyeTracker(ENCODER, GazeWalk(GRAPH, 7), calibration)
+
+
+def readings(frames: int, seed: int = 1) -> list[EyeReading]:
+    """Consistent ones: features are what the encoder's own map says of the gaze."""
+    lids, score = np.ones(2, np.float32), np.ones(2, np.float32)
+    return [
+        EyeReading(ENCODER.synthesise(gaze, lids), gaze, lids, score)
+        for gaze in looks(frames, seed)
+    ]
+
+
+def follow(
+    rows: list[EyeReading | None], good: np.ndarray, state: EyeState | None = None
+) -> tuple[list[Seen], list[EyeState]]:
+    track = tracker()
+    state, seen, states = state or track.init_state(), [], []
+    for reading, fresh in zip(rows, good, strict=True):
+        shown, state = track.step(reading, fresh, state)
+        assert all(np.isfinite(array).all() for array in shown)
+        assert np.abs(np.linalg.norm(shown.gaze, axis=1) - 1).max() < 1e-5
+        assert shown.gaze.dtype == shown.features.dtype == shown.lids.dtype == np.float32
+        seen.append(shown)
+        states.append(state)
+    return seen, states
+
+
+def gaze_of(seen: list[Seen]) -> np.ndarray:
+    return np.array([s.gaze for s in seen])
+
+
+def test_good_eyes_are_passed_through() -> None:
+    rows = readings(60)
+    seen, states = follow(list(rows), np.ones((60, 2), bool))
+    assert all(np.array_equal(s.gaze, r.gaze) for s, r in zip(seen, rows, strict=True))
+    assert all(np.array_equal(s.features, r.features) for s, r in zip(seen, rows, strict=True))
+    assert states[-1].source == (OWN, OWN)
+
+
+@pytest.mark.parametrize("eye", [0, 1])
+def test_one_lost_eye_holds_and_then_follows_the_other(eye: int) -> None:
+    rows, good = readings(120), np.ones((120, 2), bool)
+    good[40:80, eye] = False
+    seen, states = follow(list(rows), good)
+    gaze = gaze_of(seen)
+    held = gaze[40 : 40 + HOLD_FRAMES, eye]
+    assert np.array_equal(held, np.repeat(gaze[39:40, eye], HOLD_FRAMES, 0))
+    settled = 40 + HOLD_FRAMES + FADE_FRAMES + 1
+    assert states[settled].source[eye] == OTHER
+    assert np.array_equal(gaze[settled:80, eye], gaze[settled:80, 1 - eye])
+    back = 80 + FADE_FRAMES
+    assert back - 80 <= 9  # 300 ms
+    assert np.array_equal(gaze[back:, eye], np.array([r.gaze[eye] for r in rows[back:]]))
+    assert all(
+        np.array_equal(s.gaze[1 - eye], r.gaze[1 - eye]) for s, r in zip(seen, rows, strict=True)
+    )
+    truth = np.array([r.gaze for r in rows])
+    assert step_deg(gaze).max() <= step_deg(truth).max()
+
+
+def test_borrowed_features_are_those_of_the_lost_eye() -> None:
+    rows, good = readings(60), np.ones((60, 2), bool)
+    good[10:, 0] = False
+    seen, _ = follow(list(rows), good)
+    gaze = np.repeat(seen[-1].gaze[1:], 2, 0)
+    expected = ENCODER.synthesise(gaze, np.ones(2, np.float32))[0]
+    assert np.abs(seen[-1].features[0] - expected).max() < 1e-4
+    assert np.abs(seen[-1].features[0] - seen[-1].features[1]).max() > 1e-3
+
+
+def test_both_lost_walk_and_come_back() -> None:
+    rows, good = readings(300), np.ones((300, 2), bool)
+    good[60:200] = False
+    seen, states = follow(list(rows), good)
+    gaze = gaze_of(seen)
+    assert states[60 + HOLD_FRAMES - 1].source == (OWN, OWN)
+    assert states[60 + HOLD_FRAMES].source == states[199].source == (WALK, WALK)
+    assert step_deg(gaze[90:200]).max() > 1  # eyes that wander, not a stare
+    assert gaze[:, :, 2].min() > 0.8  # and never in a corner
+    back = 200 + FADE_FRAMES
+    assert np.array_equal(gaze[back:], np.array([r.gaze for r in rows[back:]]))
+    largest = max(step_deg(np.array([r.gaze for r in rows])).max(), step_deg(GRAPH.gaze[0]).max())
+    assert step_deg(gaze).max() <= largest
+
+
+def test_one_after_the_other_lost() -> None:
+    rows, good = readings(120), np.ones((120, 2), bool)
+    good[30:, 0] = False
+    good[60:, 1] = False
+    _, states = follow(list(rows), good)
+    assert states[59].source == (OTHER, OWN)
+    assert states[60 + HOLD_FRAMES - 1].source == (OWN, OWN)  # both wait
+    assert states[60 + HOLD_FRAMES].source == (WALK, WALK)
+
+
+def test_no_jump_whenever_an_eye_is_lost() -> None:
+    """Lost and found at random: no larger step than eyes make by themselves."""
+    rng = np.random.default_rng(4)
+    rows = readings(3000)
+    good = np.repeat(rng.random((300, 2)) < 0.6, 10, axis=0)
+    seen, _ = follow(list(rows), good)
+    truth = np.array([r.gaze for r in rows])
+    largest = max(step_deg(truth).max(), step_deg(GRAPH.gaze.reshape(-1, 2, 3)[:2000]).max())
+    assert step_deg(gaze_of(seen)).max() <= largest
+    features = np.array([s.features for s in seen])
+    jumps = np.abs(np.diff(features, axis=0)).max()
+    assert jumps <= 1.2 * np.abs(np.diff([r.features for r in rows], axis=0)).max()
+
+
+def test_without_cameras_it_walks_from_the_first_frame() -> None:
+    seen, states = follow([None] * 200, np.zeros((200, 2), bool))
+    assert states[0].source == (WALK, WALK)
+    walk = GazeWalk(GRAPH, 7)
+    state, expected = walk.init_state(), []
+    for _ in range(200):
+        gaze, _, state = walk.step(state)
+        expected.append(gaze)
+    assert np.array_equal(gaze_of(seen), np.array(expected))
+
+
+def test_a_low_score_is_a_lost_eye() -> None:
+    rows = readings(60)
+    rows[20:] = [r._replace(score=np.array([0.2, 0.9], np.float32)) for r in rows[20:]]
+    _, states = follow(list(rows), np.ones((60, 2), bool))
+    assert states[19].source == (OWN, OWN) and states[-1].source == (OTHER, OWN)
+
+
+def test_gaze_rests_while_the_lids_are_shut() -> None:
+    rows = readings(30)
+    for t in range(10, 14):
+        junk = looks(100, seed=t)[5 * t]
+        rows[t] = rows[t]._replace(gaze=junk, lids=np.zeros(2, np.float32))
+    seen, _ = follow(list(rows), np.ones((30, 2), bool))
+    gaze = gaze_of(seen)
+    assert np.array_equal(gaze[10:14], np.repeat(gaze[9:10], 4, 0))
+    assert np.array_equal([s.lids for s in seen[10:14]], np.zeros((4, 2)))
+
+
+def test_state_is_a_value() -> None:
+    rows, good = readings(200), np.ones((200, 2), bool)
+    good[50:120] = False
+    whole, states = follow(list(rows), good)
+    rest, _ = follow(list(rows)[77:], good[77:], states[76])
+    again, _ = follow(list(rows)[77:], good[77:], states[76])
+    assert np.array_equal(gaze_of(rest), gaze_of(whole[77:]))
+    assert np.array_equal(gaze_of(again), gaze_of(rest))
+
+
+def test_calibration_moves_gaze_and_features() -> None:
+    shifted = EyeCalibration(shift=((0.1, 0.0), (0.1, 0.0)))
+    reading = readings(1)[0]
+    track = tracker(shifted)
+    seen, _ = track.step(reading, BOTH, track.init_state())
+    assert np.abs(seen.gaze[:, 0] - reading.gaze[:, 0] - 0.1).max() < 1e-5
+    expected = ENCODER.synthesise(seen.gaze, seen.lids)
+    assert np.abs(seen.features - expected).max() < 1e-4
