@@ -61,10 +61,43 @@ def _torch() -> str:
     return f"PyTorch {torch.__version__}, {gpu}"
 
 
+def _microphone() -> str:
+    from sensors.portaudio import microphones, silence_native_messages
+
+    silence_native_messages()
+    names = [mic.name for mic in microphones()]
+    if not names:
+        return (
+            "none found (replay needs none); plug one in, or for PulseAudio and PipeWire run: "
+            "sudo apt-get install libasound2-plugins"
+        )
+    return ", ".join(names)
+
+
+def _eye_cameras() -> str:
+    from sensors.discovery import found_devices
+    from sensors.types import InputError
+
+    found = list(found_devices())
+    problems = [f"{device.spec}: {device.problem}" for device in found if device.problem]
+    if problems:
+        raise InputError("; ".join(problems))
+    return ", ".join(device.spec for device in found) or "none plugged in (not needed)"
+
+
+def _usb() -> str:
+    from sensors.discovery import check_usb_library
+
+    return check_usb_library()
+
+
 CHECKS: dict[str, Callable[[], str]] = {
     "OpenGL (EGL)": _opengl("egl"),
     "encoder": _encoder,
     "avatars": _avatars,
     "video": _video,
     "torch": _torch,
+    "microphone": _microphone,
+    "USB": _usb,
+    "eye cameras": _eye_cameras,
 }

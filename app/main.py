@@ -12,6 +12,7 @@ from tyro.conf import subcommand
 from app.avatar import Avatar
 from app.bench import Bench
 from app.capture import Capture
+from app.devices import Devices
 from app.doctor import Doctor
 from app.eval import Eval
 from app.record import Record
@@ -30,6 +31,7 @@ Command = (
     | Annotated[Train, subcommand("train")]
     | Annotated[Eval, subcommand("eval")]
     | Annotated[Bench, subcommand("bench")]
+    | Annotated[Devices, subcommand("devices")]
     | Annotated[Doctor, subcommand("doctor")]
 )
 
