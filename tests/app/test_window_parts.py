@@ -57,7 +57,8 @@ def test_ticks_arrive_whole_and_the_oldest_are_overwritten() -> None:
 def test_a_tick_in_the_making_is_not_read() -> None:
     memory, seen = SharedMemory(), []
     memory.clear()
-    memory.post(index=0)
+    for k in range(SLOTS):
+        memory.post(index=k)
 
     class Spy:
         """A value that looks at the ring while it is being written into it."""
@@ -66,8 +67,8 @@ def test_a_tick_in_the_making_is_not_read() -> None:
             seen.append([int(t["number"]) for t in memory.ticks_after(-1)])
             return np.zeros(256, np.float32)
 
-    memory.post(index=1, expression=Spy())
-    assert seen and all(numbers == [0] for numbers in seen)
+    memory.post(index=SLOTS, expression=Spy())  # over tick 0
+    assert seen and all(numbers == list(range(1, SLOTS)) for numbers in seen)
     memory.close()
 
 
