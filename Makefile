@@ -7,7 +7,8 @@ PIP_ARGS ?=
 # A WebXR headset for the browser tests, in JavaScript.
 XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
-    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 chromium
+    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 chromium \
+    festival festvox-us-slt-hts festvox-kallpc16k
 
 .PHONY: setup system demo check bench help
 help:  ## this list

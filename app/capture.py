@@ -1,125 +1,107 @@
-"""`livedrive capture DIR`: the synthetic capture stage. Curves from encoder, pictures from render.
+"""`livedrive capture`: the synthetic capture stage. Curves from encoder, pictures from render.
 
-Without --session it makes a data pack for training; with it, a session whose speech, motion and
-eye pictures are all ours, like recordings/demo. All its truth is rule-made.
+`capture DIR` makes or finishes a data set, `capture inspect DIR` shows one clip, `capture
+statistics DIR` judges the motion against published values, `capture calibrate DIR` against real
+motion, `capture session DIR` makes one session whose eyes, sound and motion are all ours. Truth is
+rule-made but where real recordings are added.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Literal
 
-import numpy as np
 from tyro.conf import Positional
 
-if TYPE_CHECKING:
-    from sensors.types import Packet
+from sensors.types import InputError
 
-PAUSE_S = (0.6, 0.4, 0.9, 0.5)
+ACTIONS = ("statistics", "calibrate", "session")
 
 
 @dataclass(kw_only=True)
 class Capture:
-    """Make training data, or a session."""
+    """Make training data, or look at it."""
 
-    folder: Positional[Path]
-    """Folder to create."""
-    session: tuple[str, ...] = ()
-    """Sentences: make one session in which they are spoken."""
-    voice: str = "slt"
-    """Flite voice of the session: slt, rms, awb or kal16."""
-    avatar: str = "ben"
-    """Whose eyes the session's cameras see."""
-    seconds: float | None = None
-    """Cut the session to this length."""
-    grid: tuple[Path, ...] = ()
-    """GRID folders with tracked motion to add to the pack."""
-    flite_minutes: float = 25.0
-    espeak_minutes: float = 35.0
-    rest_minutes: float = 12.0
+    words: Positional[tuple[str, ...]]
+    """DIR to make a data set; or inspect, statistics, calibrate or session, and DIR."""
+    preset: Literal["debug", "default", "full"] = "default"
+    subjects: int | None = None
+    """Rule-made subjects; default: as the preset."""
+    hours: float | None = None
+    """Hours of the rule-made subjects together; default: as the preset."""
+    eye_pairs: int | None = None
+    """Pictures of both eyes to render; default: as the preset (debug 24, others none)."""
+    eye_size: Literal[100, 200, 400] = 200
+    """Side of the stored eye pictures; they are rendered at 400."""
+    speech: Path | None = None
+    """Folder of real speech with a transcripts.tsv, e.g. ../shared/speech."""
+    mocap: Path | None = None
+    """Folder of tracked faces, e.g. ../shared/mocap."""
+    takes: Path | None = None
+    """Folder of your own NAME.wav with NAME.csv (Live Link Face)."""
     seed: int = 0
+    processes: int = 2
+    picture: Path | None = None
+    """inspect, statistics, calibrate: write a picture, e.g. p.png."""
+    report: Path | None = None
+    """statistics, calibrate: write the figures, e.g. r.json."""
+    subject: str | None = None
+    """inspect: whose clip; default: the first."""
+    clip: int = 0
+    """inspect: which clip of the subject."""
+    eyes: Path | None = None
+    """inspect: also write a sheet of eye pictures beside frames of this real eye video."""
+    text: tuple[str, ...] = ()
+    """session: sentences to say."""
+    voice: str = "slt"
+    """session: flite voice slt, rms, awb or kal16."""
+    avatar: str = "ben"
+    """inspect, session: whose face."""
+    seconds: float | None = None
+    """session: cut to this length."""
 
     def run(self) -> None:
-        if self.session:
-            self._make_session()
-        else:
-            self._make_pack()
-        print(f"wrote {self.folder.resolve()}")
-
-    def _make_pack(self) -> None:
-        from encoder.capture.build import BuildConfig, build
-
-        build(
-            BuildConfig(
-                folder=self.folder,
-                flite_minutes=self.flite_minutes,
-                espeak_minutes=self.espeak_minutes,
-                rest_minutes=self.rest_minutes,
-                grid=self.grid,
-                seed=self.seed,
+        words = list(self.words)
+        action = words.pop(0) if words and words[0] in ACTIONS else "build"
+        if len(words) != 1:
+            raise InputError(
+                f"capture: expected one folder after {action!r}, got {len(words)}; "
+                "run livedrive capture -h"
             )
+        folder = Path(words[0])
+        if action == "build":
+            self._build(folder)
+        elif action == "session":
+            from app.capture_session import make_session
+
+            make_session(folder, self)
+        else:
+            from app import capture_report
+
+            getattr(capture_report, action)(folder, self)
+
+    def _build(self, folder: Path) -> None:
+        import json
+
+        from app.capture_build import build
+        from encoder.capture.build import PRESETS
+
+        for name, path in (("speech", self.speech), ("mocap", self.mocap), ("takes", self.takes)):
+            if path is not None and not path.is_dir():
+                raise InputError(f"--{name}: expected a folder, got {path}; check the path")
+        config = PRESETS[self.preset]
+        config = replace(
+            config,
+            subjects=config.subjects if self.subjects is None else self.subjects,
+            hours=config.hours if self.hours is None else self.hours,
+            speech=self.speech,
+            mocap=self.mocap,
+            takes=self.takes,
+            seed=self.seed,
         )
-
-    def _make_session(self) -> None:
-        from encoder.capture.motion import Style, speech_curves
-        from encoder.capture.speech import Phone, Speech, speak_flite
-        from sensors.recording import RecordingWriter
-        from sensors.types import SAMPLE_RATE
-
-        rng = np.random.default_rng(self.seed)
-        audio, phones, length = [], [], 0
-        for k, sentence in enumerate((*self.session, None)):
-            pause = np.zeros(int(PAUSE_S[k % len(PAUSE_S)] * SAMPLE_RATE), np.float32)
-            audio.append(pause)
-            phones.append(Phone("pau", length / SAMPLE_RATE, (length + len(pause)) / SAMPLE_RATE))
-            length += len(pause)
-            if sentence is not None:
-                said: Speech = speak_flite(sentence, self.voice)
-                start = length / SAMPLE_RATE
-                phones += [Phone(p.name, p.start + start, p.end + start) for p in said.phones]
-                audio.append(said.audio)
-                length += len(said.audio)
-        sound = np.concatenate(audio)
-        sound *= 0.7 / max(float(np.abs(sound).max()), 1e-3)
-        rig, gaze = speech_curves(phones, sound, Style.draw(rng), rng)
-        frames = len(sound) // 1600
-        if self.seconds is not None:
-            frames = min(frames, int(self.seconds * 30))
-        with RecordingWriter(
-            self.folder,
-            created="",
-            devices={"audio": f"flite {self.voice}", "eye_left": "simulated"},
-            eye_codec="x264",
-            audio_format="pcm16",
-        ) as writer:
-            for packet in self._packets(sound, rig, gaze, frames, rng):
-                writer.append(packet)
-
-    def _packets(
-        self,
-        sound: np.ndarray,  # [n] f32 at 48 kHz
-        rig: np.ndarray,  # [T, 53]
-        gaze: np.ndarray,  # [T, 2, 3]
-        frames: int,
-        rng: np.random.Generator,
-    ) -> Iterator["Packet"]:
-        from tqdm import tqdm
-
-        from render import identity
-        from render.decoder import Decoder
-        from render.near_eye import draw_eyes
-        from render.renderer import create_renderer
-        from sensors.types import FPS, NS, SAMPLES_PER_FRAME, AudioPacket, EyePacket
-
-        decoder, who, renderer = Decoder.load(), identity.load(self.avatar), create_renderer()
-        for t in tqdm(range(frames), unit="frame", desc="capturing"):
-            expression = decoder.encode(rig[t].astype(np.float32))
-            _, gaussians = decoder.decode(expression, gaze[t].astype(np.float32), who)
-            eyes = draw_eyes(gaussians, who.eye_centers, renderer, rng)
-            first = t * SAMPLES_PER_FRAME
-            samples = sound[first : first + SAMPLES_PER_FRAME].astype(np.float32)
-            end_ns = (t + 1) * NS // FPS
-            for eye in range(2):
-                yield EyePacket(t_ns=end_ns, eye=eye, counter=t, image=eyes[eye])
-            yield AudioPacket(t_ns=t * NS // FPS, first_sample=first, samples=samples)
-        renderer.close()
+        if config.subjects < 1 or not 0 < config.hours < 10_000:
+            raise InputError(
+                f"capture: expected at least 1 subject and 0-10000 hours, got {config.subjects} "
+                f"and {config.hours}; change --subjects or --hours"
+            )
+        print(json.dumps(build(folder, config, self.processes), indent=1))
+        print(f"next: livedrive capture statistics {folder}")

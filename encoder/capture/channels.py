@@ -39,6 +39,8 @@ SPEECH_NAMES: tuple[str, ...] = tuple(
     name for name in RIG_NAMES if name.startswith(("jaw", "mouth"))
 )
 SPEECH_COLUMNS: tuple[int, ...] = tuple(RIG_INDEX[name] for name in SPEECH_NAMES)
+# ARKit has tongueOut only; the two others are the inner tongue of t d n l and of k g.
+TONGUE_NAMES: tuple[str, ...] = ("tongueOut", "tongueTipUp", "tongueBackUp")
 JAW_OPEN = RIG_INDEX["jawOpen"]
 MOUTH_CLOSE = RIG_INDEX["mouthClose"]
 # Two names of ARKit that this rig splits in a left and a right half.

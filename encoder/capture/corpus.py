@@ -1,4 +1,9 @@
-"""Own English sentences from templates, varied in sound: what the rule-made voices say."""
+"""Own texts: what the rule-made voices say. English from templates, other languages for tests.
+
+Millions of different sentences; a text belongs to one split for ever, by its checksum.
+"""
+
+import zlib
 
 import numpy as np
 
@@ -63,16 +68,68 @@ _TEMPLATES = (
 )
 
 
-def sentences(count: int, seed: int) -> list[str]:
-    """`count` sentences; the same seed gives the same ones."""
+_OPENERS = ("So", "Well", "You know", "I mean", "Anyway", "Um", "Right", "Actually", "Okay", "Yes")
+_JOINERS = (
+    ", and then ", ", but ", ", because ", ", so ", ", and, um, ", ", which means ", ", although ",
+    ", you know, ", ", and I remember that ", ", or maybe ",
+)  # fmt: skip
+_CLAUSES = (
+    "{who} {did} {what} {where}",
+    "the {thing} was {like}",
+    "we {did} {what} {how}",
+    "I never {did} {what}",
+    "you could {verb} {where}",
+    "there were {number} people {where}",
+    "it felt {like}",
+    "{who} {did} {what}",
+    "my {thing} is {like}",
+    "they always {verb} {where}",
+    "I wanted to {verb}",
+)
+
+
+def split_of(text: str) -> str:
+    """ "test" for about a tenth of all texts, "train" for the rest."""
+    return "test" if zlib.crc32(text.encode()) % 10 == 0 else "train"
+
+
+def sentences(count: int, seed: int, split: str | None = None) -> list[str]:
+    """`count` sentences (of one split, if named); the same seed gives the same ones."""
     rng = np.random.default_rng(seed)
-    result = []
-    for _ in range(count):
-        text = _TEMPLATES[rng.integers(len(_TEMPLATES))]
-        while "{" in text:
-            head, _, rest = text.partition("{")
-            slot, _, tail = rest.partition("}")
-            words = _SLOTS[slot].split("|")
-            text = head + words[rng.integers(len(words))] + tail
-        result.append(text[0].upper() + text[1:])
+    result: list[str] = []
+    while len(result) < count:
+        text = _fill(_TEMPLATES[rng.integers(len(_TEMPLATES))], rng)
+        if split in (None, split_of(text)):
+            result.append(text)
     return result
+
+
+def freeform(count: int, seed: int, split: str | None = None) -> list[str]:
+    """`count` runs of two to four joined clauses, as people talk."""
+    rng = np.random.default_rng(seed)
+    result: list[str] = []
+    while len(result) < count:
+        text = _fill(_CLAUSES[rng.integers(len(_CLAUSES))], rng)
+        if rng.random() < 0.5:
+            text = f"{_OPENERS[rng.integers(len(_OPENERS))]}, {_inner(text)}"
+        for _ in range(rng.integers(1, 4)):
+            clause = _fill(_CLAUSES[rng.integers(len(_CLAUSES))], rng)
+            text += _JOINERS[rng.integers(len(_JOINERS))] + _inner(clause)
+        text += "."
+        if split in (None, split_of(text)):
+            result.append(text)
+    return result
+
+
+def _inner(clause: str) -> str:
+    return clause if clause.startswith("I ") else clause[0].lower() + clause[1:]
+
+
+def _fill(template: str, rng: np.random.Generator) -> str:
+    text = template
+    while "{" in text:
+        head, _, rest = text.partition("{")
+        slot, _, tail = rest.partition("}")
+        words = _SLOTS[slot].split("|")
+        text = head + words[rng.integers(len(words))] + tail
+    return text[0].upper() + text[1:]

@@ -1,9 +1,12 @@
-"""Import real recordings: talking-head video labels (GRID) and plain speech.
+"""Tracked and solved faces as subjects: talking-head labels (GRID) and solved captures (FACEGOOD).
 
 GRID labels are a face tracker's ARKit weights at 25 FPS. Only the mouth is taken: the tracker's
-blinks also rise when a person looks down, so lids, gaze and brows stay rule-made.
+blinks also rise when a person looks down, so lids, gaze and brows stay rule-made. Each speaker's
+neutral is taken off and the jaw rescaled; a speaker whose picture and sound disagree is dropped
+or moved. FACEGOOD curves are solved at 30 FPS and start with their sound; they come one frame late.
 """
 
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -19,14 +22,39 @@ from encoder.capture.channels import (
     SPEECH_COLUMNS,
     from_arkit,
 )
-from encoder.capture.dataset import Clip, make_clip
-from encoder.capture.motion import closing_weight, frame_times, upper_face
+from encoder.capture.made import Take, take
+from encoder.capture.motion import closing_weight, frame_times, loudness, upper_face
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
 
 _ALIGNMENT_RATE = 25_000
 _JAW_LOUD = 0.34  # every speaker's 98th percentile of jawOpen is scaled to this
 # Channels whose tracker output says little about the lips (it drifts with the head)
 _IGNORED = ("jawLeft", "jawRight", "mouthLeft", "mouthRight", "jawForward")
+# GRID speakers of ../mocap: s4 always puckers and, like s33, its labels do not follow the sound.
+GRID_DROPPED = ("s4", "s33")
+GRID_TEST = ("s30",)
+FACEGOOD_TEST = "1114_3_16"
+# FACEGOOD's rig -> ours: {curve: {channel: weight}}; l and r curves map to both sides alike. Where
+# two curves feed one channel they add up. The rest of its 116 curves hardly moves.
+FACEGOOD_MAP: dict[str, dict[str, float]] = {
+    "mouth_stretch_c": {"jawOpen": 0.75},
+    "mouth_oh_c": {"mouthFunnel": 0.35, "mouthPucker": 0.25},
+    "mouth_oo_c": {"mouthPucker": 0.6},
+    "mouth_funnel_d": {"mouthFunnel": 0.3},
+    "mouth_funnel_u": {"mouthFunnel": 0.3},
+    "mouth_pucker": {"mouthPucker": 0.8},
+    "mouth_lowerLipDepress": {"mouthLowerDown": 1.0},
+    "mouth_upperLipRaise": {"mouthUpperUp": 1.0},
+    "mouth_lipCornerPull": {"mouthSmile": 0.8},
+    "mouth_lipStretch": {"mouthStretch": 0.8},
+    "mouth_dimple": {"mouthDimple": 0.8},
+    "mouth_suck_d": {"mouthRollLower": 0.8},
+    "mouth_suck_u": {"mouthRollUpper": 0.8},
+    "mouth_press": {"mouthPress": 0.8},
+    "mouth_chinRaise_u": {"mouthShrugUpper": 0.6},
+    "mouth_chinRaise_d": {"mouthShrugLower": 0.6},
+    "nose_wrinkle": {"noseSneer": 0.8},
+}
 
 
 def read_audio(path: Path) -> np.ndarray:
@@ -59,48 +87,117 @@ def _speaker_curves(weights: np.ndarray, names: list[str]) -> np.ndarray:
     return mouth.reshape(*weights.shape[:2], len(RIG_NAMES))
 
 
-def grid_clips(folder: Path, test: set[str], drop: set[str]) -> Iterator[Clip]:
-    """Clips of a GRID folder; `test` and `drop` name speakers or clips. Clips without a face skip.
+def grid_speakers(folder: Path) -> list[str]:
+    """The speakers of a GRID folder; raise InputError when it is none."""
+    path = Path(folder) / "labels.npz"
+    if not path.is_file():
+        raise InputError(f"GRID folder {folder}: expected labels.npz, found none; check the path")
+    with np.load(path, allow_pickle=False) as data:
+        return sorted({str(s) for s in data["speakers"]}) if "speakers" in data else ["s1"]
+
+
+def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Take]:
+    """One speaker's clips; those without a face are left out. A one-speaker folder keeps its last
+    50 clips for tests.
 
     Outside the words the mouth fades to rest: the tracker's open lips there are breathing.
     """
-    folder = Path(folder)
-    if not (folder / "labels.npz").is_file():
-        raise InputError(f"GRID folder {folder}: expected labels.npz, found none; check the path")
+    folder, rng = Path(folder), np.random.default_rng(seed)
     with np.load(folder / "labels.npz", allow_pickle=False) as data:
         weights, names = data["weights"], [str(name) for name in data["names"]]
         clips, fps = [str(clip) for clip in data["clips"]], int(data["fps"])
         speakers = [str(s) for s in data["speakers"]] if "speakers" in data else ["s1"] * len(clips)
     spans = _words(folder)
-    for speaker in sorted(set(speakers) - drop):
-        chosen = [i for i, name in enumerate(speakers) if name == speaker]
-        curves = _speaker_curves(weights[chosen], names)
-        for index, curve in zip(chosen, curves, strict=True):
-            if clips[index] not in spans or np.isnan(curve).any():
-                continue
-            audio = read_audio(folder / "audio" / f"{clips[index]}.ogg")
-            split = "test" if {speaker, clips[index]} & test else "train"
-            yield _grid_clip(audio, curve, fps, spans[clips[index]], f"grid-{speaker}", split)
+    chosen = [i for i, name in enumerate(speakers) if name == speaker]
+    test = {clips[i] for i in chosen[-50:]} if len(set(speakers)) == 1 else set[str]()
+    curves = _speaker_curves(weights[chosen], names)
+    takes = [
+        (clips[i], read_audio(folder / "audio" / f"{clips[i]}.ogg"), curve)
+        for i, curve in zip(chosen, curves, strict=True)
+        if clips[i] in spans and not np.isnan(curve).any()
+    ]
+    shift_s = _sync([(audio, curve) for _, audio, curve in takes[:60]], fps)
+    for clip, audio, curve in takes:
+        split = "test" if clip in test or speaker in GRID_TEST else "train"
+        yield _grid_take(audio, curve, fps, spans[clip], f"grid-{speaker}", split, shift_s, rng)
 
 
-def _grid_clip(
+def _sync(pairs: list[tuple[np.ndarray, np.ndarray]], fps: int) -> float:
+    """Seconds that the labels come late, against energy, beyond one label frame; else 0."""
+    lags = np.arange(-5, 6)
+    scores = np.zeros(len(lags))
+    for audio, curve in pairs:
+        level = loudness(audio)
+        times = frame_times(len(level))
+        for k, lag in enumerate(lags):
+            jaw = np.interp(times + lag / fps, np.arange(len(curve)) / fps, curve[:, JAW_OPEN])
+            if jaw.std() > 0 and level.std() > 0:
+                scores[k] += np.corrcoef(level, jaw)[0, 1]
+    best = int(lags[scores.argmax()])
+    return best / fps if abs(best) > 1 else 0.0
+
+
+def _grid_take(
     audio: np.ndarray,
     curve: np.ndarray,
     fps: int,
     span: tuple[float, float],
     voice: str,
     split: str,
-) -> Clip:
+    shift_s: float,
+    rng: np.random.Generator,
+) -> Take:
     times = frame_times(len(audio) // SAMPLES_PER_FRAME)
-    source = np.arange(len(curve)) / fps
+    source = np.arange(len(curve)) / fps - shift_s
     rig = np.stack([np.interp(times, source, column) for column in curve.T], 1)
     outside = np.maximum((span[0] - 0.12 - times) / 0.12, (times - span[1] - 0.12) / 0.15)
     inside = 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0, 1))
     rig = (rig * inside[:, None]).astype(np.float32)
     rig[:, MOUTH_CLOSE] = np.minimum(rig[:, MOUTH_CLOSE], closing_weight(rig))
-    upper, gaze = upper_face(rig[:, JAW_OPEN] / _JAW_LOUD, np.random.default_rng(len(audio)))
+    upper, gaze = upper_face(np.clip(rig[:, JAW_OPEN] / _JAW_LOUD, 0, 1), rng, reading=True)
     phones = np.where(inside > 0, -1, 0)
-    return make_clip(audio, rig + upper, gaze, phones, truth="tracked", voice=voice, split=split)
+    return take(
+        audio, rig + upper, gaze, phones, truth="tracked", voice=voice, split=split, kind="grid"
+    )
+
+
+def facegood_takes(folder: Path, seed: tuple[int, ...]) -> Iterator[Take]:
+    """Clips NAME.flac + NAME.npy [T, 116] with names.txt; cut into pieces of 20 s."""
+    folder, rng = Path(folder), np.random.default_rng(seed)
+    names = (folder / "names.txt").read_text().split()
+    for path in sorted(folder.glob("*.npy")):
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # headers written by Python 2
+            curves = np.load(path, allow_pickle=False).astype(np.float32)
+        if curves.shape[1] != len(names):
+            raise InputError(f"{path}: expected {len(names)} curves, got {curves.shape[1]}")
+        audio = read_audio(path.with_suffix(".flac"))
+        rig = _facegood_rig(curves, names)[1:]  # one frame late, and frame k is the end of tick k
+        for start in range(0, len(rig) - 150, 600):
+            piece = rig[start : start + 600]
+            sound = audio[start * SAMPLES_PER_FRAME : (start + len(piece)) * SAMPLES_PER_FRAME]
+            level = np.clip(piece[:, JAW_OPEN] / _JAW_LOUD, 0, 1)
+            upper, gaze = upper_face(level, rng)
+            yield take(
+                sound, piece + upper, gaze, np.full(len(piece), -1),
+                truth="tracked", voice="facegood", kind="facegood",
+                split="test" if path.stem == FACEGOOD_TEST else "train",
+            )  # fmt: skip
+
+
+def _facegood_rig(curves: np.ndarray, names: list[str]) -> np.ndarray:
+    """[T, 116] -> [T, 53] by FACEGOOD_MAP."""
+    rig = np.zeros((len(curves), len(RIG_NAMES)), np.float32)
+    for curve, channels in FACEGOOD_MAP.items():
+        found = [
+            n for n in names if n in (curve, f"{curve}_l", f"{curve}_r", f"{curve}l", f"{curve}r")
+        ]
+        value = curves[:, [names.index(n) for n in found]].mean(1)
+        for channel, weight in channels.items():
+            sides = [channel] if channel in RIG_INDEX else [f"{channel}_L", f"{channel}_R"]
+            for side in sides:
+                rig[:, RIG_INDEX[side]] += weight * value
+    return np.clip(rig, 0, 1)
 
 
 def envelope_curves(audio: np.ndarray) -> np.ndarray:
@@ -122,12 +219,3 @@ def envelope_curves(audio: np.ndarray) -> np.ndarray:
     curves = np.zeros((num_frames, len(RIG_NAMES)), np.float32)
     curves[:, RIG_INDEX["jawOpen"]] = 0.34 * height**1.7
     return curves
-
-
-def speech_clip(path: Path, voice: str, split: str = "train") -> Clip:
-    """A recording of real speech without motion -> a clip whose jaw follows its loudness."""
-    audio = read_audio(path)
-    rig = envelope_curves(audio)
-    upper, gaze = upper_face(rig[:, JAW_OPEN] / 0.34, np.random.default_rng(len(audio)))
-    unknown = np.full(len(rig), -1)
-    return make_clip(audio, rig + upper, gaze, unknown, truth="envelope", voice=voice, split=split)

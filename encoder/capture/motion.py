@@ -1,74 +1,36 @@
-"""Rule-made face motion: phones and loudness -> [T, 53] rig curves at 30 FPS, and gaze.
+"""Rule-made face motion: phones and loudness -> rig curves at 30 FPS, tongue and gaze.
 
 Second stage of the capture. Dominance functions in the manner of Cohen and Massaro with JALI-like
-rules: p b m close the lips, f v touch the teeth, vowels open the jaw by height and loudness. The
-truth is made by rules: it proves learning and causality, not human realism.
+rules; contacts are then solved on mesh vertices. Timing is calibrated against tracked motion
+(encoder/capture/calibrate.py). The truth is made by rules: it proves learning and causality, not
+human realism.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
-from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
-from encoder.capture.speech import Phone
-from encoder.gaze import GazeSynth
+from encoder.capture import emotion as emotions
+from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES, SPEECH_COLUMNS
+from encoder.capture.contacts import SHUT_MM, SLOPE_MM, LipGeometry
+from encoder.capture.gestures import (
+    GESTURE_RIG,
+    GESTURES,
+    INSIST,
+    REACH,
+    REST,
+    SHAPES,
+    TONGUE_GESTURES,
+    TOUCH_POSE,
+)
+from encoder.capture.phones import LIP_CLOSING, PHONES, TEETH_TOUCHING, Phone
+from encoder.capture.upper_face import upper_face
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
-# One row a phone: jaw, closure, touch (lower lip to teeth), funnel, pucker, stretch, lower lip
-# down, upper lip up, shrug. All 0..1 of the full gesture, scaled below.
-_GESTURES = ("jaw", "close", "touch", "funnel", "pucker", "stretch", "lower", "upper", "shrug")
-_REST = dict.fromkeys(_GESTURES, 0.0)
-_SHAPES: dict[str, dict[str, float]] = {
-    **{p: {"close": 1.0, "jaw": 0.12} for p in ("p", "b", "m")},
-    **{p: {"touch": 1.0, "jaw": 0.14, "upper": 0.25} for p in ("f", "v")},
-    **{p: {"jaw": 0.1, "stretch": 0.4, "lower": 0.55, "upper": 0.15} for p in ("s", "z")},
-    **{p: {"jaw": 0.12, "funnel": 0.8, "lower": 0.3, "upper": 0.3} for p in ("sh", "zh", "ch")},
-    "jh": {"jaw": 0.12, "funnel": 0.75, "lower": 0.3, "upper": 0.3},
-    **{p: {"jaw": 0.26, "lower": 0.45} for p in ("t", "d", "n")},
-    **{p: {"jaw": 0.3, "lower": 0.5} for p in ("th", "dh", "l")},
-    **{p: {"jaw": 0.36, "lower": 0.25} for p in ("k", "g", "ng", "hh")},
-    "r": {"jaw": 0.28, "funnel": 0.55, "pucker": 0.2},
-    "w": {"jaw": 0.16, "pucker": 0.95, "funnel": 0.2},
-    "y": {"jaw": 0.24, "stretch": 0.4, "lower": 0.3},
-    "aa": {"jaw": 1.0, "lower": 0.35, "upper": 0.2},
-    "ae": {"jaw": 0.92, "stretch": 0.45, "lower": 0.5, "upper": 0.3},
-    "ah": {"jaw": 0.74, "lower": 0.35, "upper": 0.1},
-    "ao": {"jaw": 0.8, "funnel": 0.45, "pucker": 0.15},
-    "aw": {"jaw": 0.85, "funnel": 0.35, "pucker": 0.25},
-    "ax": {"jaw": 0.5, "lower": 0.25},
-    "ay": {"jaw": 0.88, "stretch": 0.3, "lower": 0.4, "upper": 0.2},
-    "eh": {"jaw": 0.7, "stretch": 0.4, "lower": 0.45, "upper": 0.15},
-    "er": {"jaw": 0.45, "funnel": 0.5, "pucker": 0.15},
-    "ey": {"jaw": 0.58, "stretch": 0.5, "lower": 0.45, "upper": 0.15},
-    "ih": {"jaw": 0.46, "stretch": 0.4, "lower": 0.35},
-    "iy": {"jaw": 0.34, "stretch": 0.75, "lower": 0.5, "upper": 0.15},
-    "ow": {"jaw": 0.6, "funnel": 0.4, "pucker": 0.6},
-    "oy": {"jaw": 0.68, "funnel": 0.45, "pucker": 0.45},
-    "uh": {"jaw": 0.42, "funnel": 0.35, "pucker": 0.4},
-    "uw": {"jaw": 0.28, "pucker": 0.9, "funnel": 0.25},
-}
-# How strongly a phone insists on a gesture, against 1 for one that does not shape it (every phone
-# pulls to neutral, else tracks stick), and how far its reach is stretched: lip rounding spreads,
-# closures are quick.
-_INSIST = {"close": 2.0, "touch": 1.8, "funnel": 2.5, "pucker": 2.5}
-_REACH = {"close": 0.6, "touch": 0.65, "funnel": 1.3, "pucker": 1.3}
-# Full gestures in rig units: {channel: weight}. jaw and close are handled in `_compose`.
-_GESTURE_RIG: dict[str, dict[str, float]] = {
-    "funnel": {"mouthFunnel": 0.42},
-    "pucker": {"mouthPucker": 0.55, "mouthFunnel": 0.08},
-    "stretch": {
-        "mouthStretch_L": 0.28,
-        "mouthStretch_R": 0.28,
-        "mouthDimple_L": 0.12,
-        "mouthDimple_R": 0.12,
-    },
-    "lower": {"mouthLowerDown_L": 0.32, "mouthLowerDown_R": 0.32},
-    "upper": {"mouthUpperUp_L": 0.24, "mouthUpperUp_R": 0.24},
-    "touch": {"mouthRollLower": 0.55, "mouthUpperUp_L": 0.14, "mouthUpperUp_R": 0.14},
-    "shrug": {"mouthShrugLower": 0.2},
-}
-# Millimetres that one unit of a channel opens (+) or closes (-) the inner lips of the rig's mean
-# face; `mouthClose` closes what the others opened.
+__all__ = ["Motion", "Style", "closing_weight", "frame_times", "speech_curves", "upper_face"]
+
+# Millimetres that one unit of a channel opens the inner lips of the rig's mean face.
 _OPENING_MM = {
     "jawOpen": 28.9,
     "mouthFunnel": 10.8,
@@ -77,13 +39,27 @@ _OPENING_MM = {
     "mouthUpperUp_L": 3.5,
     "mouthUpperUp_R": 3.5,
 }
-_CLOSE_MM = 37.2
+JAW_UNIT = 0.46  # jawOpen of an open vowel, spoken loudly
+JAW_LATE_S = 0.02  # tracked jaws lag their sound's energy by half a frame
+RAMP_S = 0.075  # lips close and part within this, 100-350 mm/s
+JAW_STEP = 0.27  # most change of jawOpen a frame: 234 mm/s
+_TOUCH = np.zeros(len(RIG_NAMES), np.float32)
+for _name, _weight in TOUCH_POSE.items():
+    _TOUCH[RIG_INDEX[_name]] = _weight
 
 
 def closing_weight(curves: np.ndarray) -> np.ndarray:
     """[T, 53] -> [T] the `mouthClose` that just shuts lips which the other channels opened."""
     opening_mm = sum(mm * curves[:, RIG_INDEX[name]] for name, mm in _OPENING_MM.items())
-    return np.asarray(opening_mm / _CLOSE_MM)
+    return np.asarray(opening_mm / SLOPE_MM)
+
+
+class Motion(NamedTuple):
+    """A clip's motion; frame k belongs to the end of its 1600 samples."""
+
+    rig: np.ndarray  # [T, 53] float32 0..1
+    gaze: np.ndarray  # [T, 2, 3] float32 unit vectors, left eye first
+    tongue: np.ndarray  # [T, 3] float32 0..1: tongueOut, tongueTipUp, tongueBackUp
 
 
 @dataclass(frozen=True)
@@ -95,15 +71,28 @@ class Style:
     spread: float = 1.0
     lead_s: float = 0.05
     lag_s: float = 0.055
+    loud: float = 0.65  # how far the jaw follows loudness
     smile: float = 0.0
-    skew: float = 0.0
+    skew: float = 0.0  # left against right
+    sideways: float = 0.0  # the jaw drifts to one side as it opens
+    press: float = 0.22
+    jitter_s: float = 0.0  # timing noise of each phone
+    brows: float = 1.0
+    blinks: float = 1.0
+    idiolect: np.ndarray = field(default_factory=lambda: np.ones((len(PHONES), len(GESTURES))))
 
     @staticmethod
     def draw(rng: np.random.Generator) -> "Style":
-        low = (0.8, 0.8, 0.6, 0.04, 0.045, -0.06, -0.08)
-        high = (1.2, 1.2, 1.3, 0.06, 0.07, 0.1, 0.08)
-        jaw, lips, spread, lead, lag, smile, skew = rng.uniform(low, high)
-        return Style(jaw, lips, spread, lead, lag, max(0.0, smile), skew)
+        ranges = (
+            (0.7, 1.25), (0.7, 1.3), (0.5, 1.4), (0.04, 0.058), (0.045, 0.07), (0.5, 0.8),
+            (-0.08, 0.1), (-0.12, 0.12), (-0.12, 0.12), (0.1, 0.35), (0.002, 0.009), (0.4, 1.6),
+            (0.85, 1.1),
+        )  # fmt: skip
+        low, high = np.array(ranges).T
+        values = [float(v) for v in rng.uniform(low, high)]
+        values[6] = max(values[6], 0.0)
+        own = np.exp(0.14 * rng.standard_normal((len(PHONES), len(GESTURES))))
+        return Style(*values, idiolect=own)
 
 
 def frame_times(num_frames: int) -> np.ndarray:
@@ -111,12 +100,12 @@ def frame_times(num_frames: int) -> np.ndarray:
     return (np.arange(num_frames) + 1) / FPS
 
 
-def loudness(audio: np.ndarray) -> np.ndarray:
-    """[n] at 48 kHz -> [T] 0..1: level of 50 ms around each frame time, 1 at the clip's loudest."""
+def loudness(audio: np.ndarray, late_s: float = 0.0) -> np.ndarray:
+    """[n] at 48 kHz -> [T] 0..1: level of 60 ms around each frame time, 1 at the clip's loudest."""
     num_frames = len(audio) // SAMPLES_PER_FRAME
     power = np.concatenate([[0.0], np.cumsum(audio.astype(np.float64) ** 2)])
-    centre = (frame_times(num_frames) * SAMPLE_RATE).astype(int)
-    start, end = np.maximum(centre - 1200, 0), np.minimum(centre + 1200, len(audio))
+    centre = ((frame_times(num_frames) - late_s) * SAMPLE_RATE).astype(int)
+    start, end = np.clip(centre - 1440, 0, len(audio)), np.clip(centre + 1440, 0, len(audio))
     rms = np.sqrt((power[end] - power[start]) / np.maximum(end - start, 1))
     return np.clip(rms / max(float(np.quantile(rms, 0.97)), 1e-4), 0, 1).astype(np.float32)
 
@@ -127,16 +116,41 @@ def _tracks(phones: list[Phone], times: np.ndarray, style: Style) -> dict[str, n
     end = np.array([p.end for p in phones])[:, None]
     # the target holds over the first half of a phone; from there the next one may take over
     hold_end = np.maximum(start + 0.01, end - 0.35 * (end - start).clip(max=0.12))
-    early = np.maximum(start - times, 0) / style.lead_s
-    late = np.maximum(times - hold_end, 0) / style.lag_s
-    distance = (early + late) ** 1.5  # [P, T]
+    index = np.array([PHONES.index(p.name) for p in phones])
     tracks = {}
-    for gesture in _GESTURES:
-        target = np.array([_SHAPES.get(p.name, _REST).get(gesture, 0.0) for p in phones])
-        insist = np.where(target > 0, _INSIST.get(gesture, 1.0), 1.0)
-        weight = np.exp(-distance / _REACH.get(gesture, 1.0) ** 1.5) * insist[:, None]
+    for column, gesture in enumerate(GESTURES):
+        late_s = JAW_LATE_S if gesture == "jaw" else 0.0
+        early = np.maximum(start + late_s - times, 0) / style.lead_s
+        late = np.maximum(times - hold_end - late_s, 0) / style.lag_s
+        target = np.array([SHAPES.get(p.name, REST).get(gesture, 0.0) for p in phones])
+        insist = np.where(target > 0, INSIST.get(gesture, 1.0), 1.0)
+        target = np.clip(target * style.idiolect[index, column], 0, 1.15)
+        reach = REACH.get(gesture, 1.0)
+        weight = np.exp(-(((early + late) / reach) ** 1.5)) * insist[:, None]
         tracks[gesture] = (weight * target[:, None]).sum(0) / (weight.sum(0) + 0.02)
     return tracks
+
+
+def _contact(
+    phones: list[Phone], names: tuple[str, ...], times: np.ndarray, taken: np.ndarray
+) -> np.ndarray:
+    """[T] 0..1: 1 while one of `names` holds its contact, raised cosines around it.
+
+    A plosive lets go at its burst, a nasal or fricative near its end. Where no frame falls into
+    the hold, the nearest one that is not `taken` [T] by another contact is taken in.
+    """
+    contact = np.zeros(len(times))
+    free = np.where(taken, 1e3, 0.0)
+    for phone in phones:
+        if phone.name not in names:
+            continue
+        share = 0.55 if phone.name in ("p", "b") else 0.8
+        begin, end = phone.start - 0.012, phone.start + share * (phone.end - phone.start)
+        nearest = times[np.argmin(np.abs(times - 0.5 * (begin + end)) + free)]
+        begin, end = min(begin, nearest), max(end, nearest)
+        outside = np.maximum(begin - times, times - end) / RAMP_S
+        contact = np.maximum(contact, 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0, 1)))
+    return contact
 
 
 def _speaking(phones: list[Phone], times: np.ndarray) -> np.ndarray:
@@ -151,108 +165,106 @@ def _speaking(phones: list[Phone], times: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.cos(np.pi * outside)
 
 
-def _compose(tracks: dict[str, np.ndarray], level: np.ndarray, style: Style) -> np.ndarray:
-    """Gesture tracks -> [T, 53] speech channels. Lips that close cancel what opened them."""
+def _open_mouth(
+    tracks: dict[str, np.ndarray], level: np.ndarray, speaking: np.ndarray, style: Style
+) -> np.ndarray:
+    """Gesture tracks -> [T, 53] speech channels of a mouth without contacts."""
     curves = np.zeros((len(level), len(RIG_NAMES)), np.float32)
-    close = np.clip(1.3 * tracks["close"], 0, 1)
-    touch = np.clip(1.15 * tracks["touch"], 0, 1)
-    closed = np.maximum(close, 0.85 * touch)
-    jaw = 0.5 * style.jaw * tracks["jaw"] * (0.35 + 0.65 * level**0.7)
-    curves[:, JAW_OPEN] = jaw * (1 - 0.55 * close) * (1 - 0.35 * touch)
-    for gesture, channels in _GESTURE_RIG.items():
+    jaw = JAW_UNIT * style.jaw * tracks["jaw"] * (1 - style.loud + style.loud * level**0.7)
+    curves[:, JAW_OPEN] = _slew(jaw * speaking)
+    for gesture, channels in GESTURE_RIG.items():
         size = style.spread if gesture == "stretch" else style.lips
-        track = touch if gesture == "touch" else tracks[gesture] * (1 - 0.9 * closed)
         for channel, weight in channels.items():
             side = 1 + style.skew * (channel.endswith("_L") - channel.endswith("_R"))
-            curves[:, RIG_INDEX[channel]] += size * weight * side * track
-    curves[:, MOUTH_CLOSE] = closed * closing_weight(curves)
+            curves[:, RIG_INDEX[channel]] += size * weight * side * tracks[gesture] * speaking
+    drift = "jawLeft" if style.sideways > 0 else "jawRight"
+    curves[:, RIG_INDEX[drift]] = abs(style.sideways) * curves[:, JAW_OPEN]
     for side in "LR":
-        curves[:, RIG_INDEX[f"mouthPress_{side}"]] = 0.22 * style.lips * close
-        curves[:, RIG_INDEX[f"mouthSmile_{side}"]] += style.smile
+        curves[:, RIG_INDEX[f"mouthSmile_{side}"]] += style.smile * (0.6 + 0.4 * level) * speaking
+    return curves
+
+
+def _slew(curve: np.ndarray) -> np.ndarray:
+    """[T] limited to JAW_STEP a frame, in both directions of time, by lowering only."""
+    out = curve.astype(np.float32).copy()
+    for order in (range(1, len(out)), range(len(out) - 2, -1, -1)):
+        for k in order:
+            before = out[k - 1] if order.step > 0 else out[k + 1]
+            out[k] = min(out[k], before + JAW_STEP)
+    return out
+
+
+def _with_contacts(
+    curves: np.ndarray,  # [T, 53] open mouth, with any emotion
+    close: np.ndarray,  # [T] 0..1
+    touch: np.ndarray,  # [T] 0..1
+    style: Style,
+    lips: LipGeometry | None,
+) -> np.ndarray:
+    """Blend to the touch pose, drop the jaw a little, and let mouthClose shut the lips."""
+    held = (touch >= 1) & (close < 1)
+    close = np.where(held, 0, close)
+    touch = np.where(held, 1, np.minimum(touch, 1 - close))[:, None].astype(np.float32)
+    columns = list(SPEECH_COLUMNS)
+    curves[:, columns] += touch * (_TOUCH[columns] - curves[:, columns])
+    free = curves.copy()
+    curves[:, JAW_OPEN] *= 1 - 0.6 * close
+    for channel in (
+        "mouthFunnel",
+        *(f"mouth{n}_{s}" for n in ("LowerDown", "UpperUp") for s in "LR"),
+    ):
+        curves[:, RIG_INDEX[channel]] *= 1 - 0.9 * close
+    for side in "LR":
+        curves[:, RIG_INDEX[f"mouthPress_{side}"]] += style.press * style.lips * close
+    if lips is None:
+        curves[:, MOUTH_CLOSE] = close * closing_weight(curves)
+        return curves
+    busy = close > 0
+    if busy.any():
+        c = close[busy].astype(np.float32)
+        target = (1 - c) * lips.gap_mm(free[busy]) + c * SHUT_MM
+        curves[busy, MOUTH_CLOSE] = lips.closed(curves[busy], target)
     return curves
 
 
 def speech_curves(
-    phones: list[Phone], audio: np.ndarray, style: Style, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray]:
-    """phones, audio [n] at 48 kHz -> rig curves [T, 53] and gaze [T, 2, 3]."""
-    level = loudness(audio)
+    phones: list[Phone],
+    audio: np.ndarray,  # [n] at 48 kHz
+    style: Style,
+    rng: np.random.Generator,
+    *,
+    lips: LipGeometry | None = None,
+    reading: bool = False,
+    emotion: str = "neutral",
+    strength: float = 1.0,
+) -> Motion:
+    """What a face does that says `phones` with this sound."""
+    level, shifted = loudness(audio), loudness(audio, JAW_LATE_S)
     times = frame_times(len(level))
-    speaking = _speaking(phones, times)[:, None].astype(np.float32)
+    speaking = _speaking(phones, times)
     curves = np.zeros((len(level), len(RIG_NAMES)), np.float32)
+    tongue = np.zeros((len(level), len(TONGUE_GESTURES)), np.float32)
+    upper, gaze = upper_face(
+        level * speaking, rng, reading=reading, brows=style.brows, blinks=style.blinks
+    )
+    layer, gain = emotions.layer(emotion, strength, level * speaking, rng)
+    close = touch = np.zeros(len(times))
     if phones:
-        curves = speaking * _compose(_tracks(phones, times, style), level, style)
-    upper, gaze = upper_face(level * speaking[:, 0], rng)
-    return np.clip(curves + upper, 0, 1), gaze
+        moved = _jittered(phones, style.jitter_s, rng)
+        tracks = _tracks(moved, times, style)
+        curves = gain * _open_mouth(tracks, shifted, speaking, style)
+        close = _contact(phones, LIP_CLOSING, times, np.zeros(len(times), bool))
+        touch = _contact(phones, TEETH_TOUCHING, times, close >= 1)
+        for column, gesture in enumerate(TONGUE_GESTURES):
+            tongue[:, column] = np.clip(tracks[gesture] * speaking, 0, 1)
+    curves = np.clip(curves + upper + layer, 0, 1)
+    return Motion(np.clip(_with_contacts(curves, close, touch, style, lips), 0, 1), gaze, tongue)
 
 
-_BLINK = np.array([0.45, 1.0, 0.95, 0.72, 0.48, 0.28, 0.14, 0.06, 0.02], np.float32)
-_BLINK_TURN = 11.0  # degrees: a gaze shift this large usually comes with a blink
-
-
-def _blinks(angles: np.ndarray, per_minute: float, rng: np.random.Generator) -> np.ndarray:
-    """[T, 2] gaze angles -> [T] 0..1: about 9 frames each, closing fast; some of them partial.
-
-    Most blinks ride on a large gaze shift, so that gaze tells when; the rest wait log-normally.
-    """
-    num_frames = len(angles)
-    curve = np.zeros(num_frames + 16, np.float32)
-    speed = np.zeros(num_frames)
-    speed[1:] = np.abs(np.diff(angles, axis=0)).max(1)
-    moving = np.flatnonzero((speed[1:] > 0.02) & (speed[:-1] <= 0.02)) + 1
-    turns = [i for i in moving if np.abs(angles[min(i + 5, num_frames - 1)] - angles[i - 1]).max()
-             > _BLINK_TURN and rng.random() < 0.92]  # fmt: skip
-    starts = [(int(i) + 1, 1.0) for i in turns]
-    position = rng.exponential(60 / per_minute) * FPS
-    while position < num_frames:
-        starts.append((int(position), rng.uniform(0.5, 0.9)))
-        position += 9 + rng.lognormal(np.log(45 / per_minute), 0.6) * FPS
-    for start, depth in starts:
-        curve[start : start + 9] = np.maximum(curve[start : start + 9], depth * _BLINK)
-    return curve[:num_frames]
-
-
-def _look(num_frames: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """The live path's own gaze: [T, 2, 3] unit vectors and [T, 2] yaw and pitch in degrees."""
-    synth = GazeSynth(int(rng.integers(1 << 31)))
-    state, rows = synth.init_state(), []
-    for _ in range(num_frames):
-        gaze, state = synth.step(state)
-        rows.append(gaze)
-    gaze = np.stack(rows) if rows else np.zeros((0, 2, 3), np.float32)
-    x, y, z = gaze.mean(1).T
-    return gaze, np.degrees(np.stack([np.arctan2(x, z), np.arcsin(y)], 1))
-
-
-def upper_face(level: np.ndarray, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Loudness [T] 0..1 (0 when silent) -> blinks, lids, eyes, brows [T, 53] and gaze [T, 2, 3]."""
-    num_frames = len(level)
-    curves = np.zeros((num_frames, len(RIG_NAMES)), np.float32)
-    talking = float((level > 0.1).mean()) if num_frames else 0.0
-    gaze, angles = _look(num_frames, rng)
-    blink = _blinks(angles, 3 + 4 * talking, rng)
-    yaw, pitch = angles.T / 30
-    for side, outward in (("L", yaw), ("R", -yaw)):
-        lid = np.clip(blink + 0.25 * np.clip(-pitch, 0, 1), 0, 1)
-        for name, curve in (
-            ("eyeBlink", lid),
-            ("eyeLookOut", outward),
-            ("eyeLookIn", -outward),
-            ("eyeLookUp", pitch),
-            ("eyeLookDown", -pitch),
-            ("eyeWide", 0.3 * pitch),
-        ):
-            curves[:, RIG_INDEX[f"{name}_{side}"]] = np.clip(curve, 0, 1)
-    # brows rise with accents: the loud peaks of slow loudness, some of them
-    kernel = np.hanning(15)[1:-1]
-    slow = np.convolve(level, kernel / kernel.sum(), mode="same")[:num_frames]
-    accent = np.zeros(num_frames)
-    peaks = np.flatnonzero((slow[1:-1] > slow[:-2]) & (slow[1:-1] >= slow[2:]) & (slow[1:-1] > 0.4))
-    for peak in peaks:
-        if rng.random() < 0.3:
-            distance = (np.arange(num_frames) - peak - 1) / 6
-            accent += rng.uniform(0.15, 0.5) * np.exp(-(distance**2))
-    for side in "LR":
-        curves[:, RIG_INDEX[f"browInnerUp_{side}"]] = np.clip(0.8 * accent, 0, 0.7)
-        curves[:, RIG_INDEX[f"browOuterUp_{side}"]] = np.clip(0.6 * accent, 0, 0.6)
-    return curves, gaze
+def _jittered(phones: list[Phone], spread_s: float, rng: np.random.Generator) -> list[Phone]:
+    """Bounds moved by up to a few milliseconds, in order."""
+    shift = rng.normal(0, spread_s, len(phones) + 1)
+    return [
+        Phone(p.name, p.start + shift[k], max(p.end + shift[k + 1], p.start + shift[k] + 0.01))
+        for k, p in enumerate(phones)
+    ]

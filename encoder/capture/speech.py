@@ -1,84 +1,112 @@
-"""Rule-made speech: English sentences, spoken by flite or espeak-ng, with the time of every phone.
+"""Rule-made speech: text spoken by flite, festival or espeak-ng, with the time of every phone.
 
-First stage of the capture: text -> (audio 48 kHz, phones). Both engines are parametric voices.
+First stage of the capture: text -> (audio 48 kHz, phones). All engines are parametric voices or
+free diphones. Formants move by resampling; pitch and length are asked of the engine the other way.
 """
 
 import ctypes
+import os
 import subprocess
 import tempfile
-from dataclasses import dataclass
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import soundfile
 import soxr
 
+from encoder.capture.phones import PHONE_INDEX, PHONES, Phone, Speech, from_festival, from_ipa
 from sensors.types import SAMPLE_RATE, InputError
 
+__all__ = ["PHONES", "PHONE_INDEX", "Espeak", "Phone", "Speech", "speak_festival", "speak_flite"]
+
 FLITE_VOICES = ("slt", "rms", "awb", "kal16")
-# ARPABET as flite prints it; index 0 is silence.
-_PHONE_NAMES = (
-    "pau aa ae ah ao aw ax ay b ch d dh eh er ey f g hh ih iy jh k l m n ng ow oy p r s sh t th "
-    "uh uw v w y z zh"
-)
-PHONES: tuple[str, ...] = tuple(_PHONE_NAMES.split())
-PHONE_INDEX = {phone: index for index, phone in enumerate(PHONES)}
-_IPA = (
-    "tʃ:ch dʒ:jh aɪ:ay aʊ:aw oʊ:ow əʊ:ow ɔɪ:oy eɪ:ey ɑː:aa ɔː:ao iː:iy uː:uw ɜː:er əl:l "
-    "ɪə:ih eə:eh ʊə:uh ɑ:aa æ:ae ʌ:ah ɐ:ax ə:ax ɔ:ao ɒ:aa ɛ:eh e:eh ɚ:er ɝ:er ɪ:ih i:iy ᵻ:ih "
-    "ʊ:uh u:uw o:ow a:aa b:b d:d ð:dh f:f ɡ:g g:g h:hh j:y k:k l:l ɫ:l m:m n:n ŋ:ng p:p ɹ:r "
-    "r:r ɾ:d ʔ:t s:s ʃ:sh t:t θ:th v:v w:w z:z ʒ:zh x:hh"
-)
-_IPA_TO_PHONE = {pair.split(":")[0]: pair.split(":")[1] for pair in _IPA.split()}
-
-
-@dataclass(frozen=True)
-class Phone:
-    """One phone of a spoken clip; times in seconds from the first sample."""
-
-    name: str
-    start: float
-    end: float
-
-
-@dataclass(frozen=True)
-class Speech:
-    """audio [n] float32 -1..1 at 48 kHz, and the phones that cover it in order."""
-
-    audio: np.ndarray
-    phones: list[Phone]
+FESTIVAL_VOICES = {"slt_hts": "voice_cmu_us_slt_arctic_hts", "kal": "voice_kal_diphone"}
+_MEAN_HZ = {"slt": 170, "rms": 95, "awb": 120, "kal16": 105}
+_ESPEAK_LATE_S = 0.006  # espeak-ng's events come this much after the sound
+_ESPEAK_CLOSURE_S = 0.029  # what it bills of a plosive's closure to the phone before
 
 
 def _check(engine: str, text: str) -> None:
     if not text.strip():
-        raise InputError(f"text to speak with {engine}: expected words, got nothing; pass --text")
+        raise InputError(f"text to speak with {engine}: expected words, got nothing; give a text")
 
 
-def speak_flite(text: str, voice: str, pitch: float = 1.0, stretch: float = 1.0) -> Speech:
+def _resampled(audio: np.ndarray, rate: int, formants: float, phones: list[Phone]) -> Speech:
+    """Play `formants` times as fast: pitch, formants and tempo all rise by it."""
+    moved = soxr.resample(audio.astype(np.float32), rate * formants, SAMPLE_RATE)
+    scaled = [Phone(p.name, p.start / formants, p.end / formants) for p in phones]
+    return Speech(moved.astype(np.float32), scaled)
+
+
+def _run(command: list[str], package: str) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
+    except FileNotFoundError:
+        raise InputError(
+            f"{command[0]}: expected on the PATH, not found; apt install {package}"
+        ) from None
+    return done.stdout
+
+
+def speak_flite(
+    text: str, voice: str, pitch: float = 1.0, stretch: float = 1.0, formants: float = 1.0
+) -> Speech:
     """Speak with flite. `pitch` scales the mean pitch, `stretch` the durations."""
     _check("flite", text)
-    mean_hz = {"slt": 170, "rms": 95, "awb": 120, "kal16": 105}.get(voice)
-    if mean_hz is None:
+    if voice not in _MEAN_HZ:
         choices = ", ".join(FLITE_VOICES)
         raise InputError(f"flite voice: expected one of {choices}, got {voice!r}; choose one")
+    mean_hz = _MEAN_HZ[voice] * pitch / formants
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "speech.wav"
-        settings = [f"int_f0_target_mean={mean_hz * pitch:.0f}", f"duration_stretch={stretch:.2f}"]
         command = ["flite", "-voice", voice, "-psdur", "-t", text, "-o", str(path)]
-        for setting in settings:
+        for setting in (
+            f"int_f0_target_mean={mean_hz:.0f}",
+            f"duration_stretch={stretch * formants:.2f}",
+        ):
             command += ["--setf", setting]
-        try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
-        except FileNotFoundError:
-            raise InputError("flite: expected on the PATH, not found; apt install flite") from None
+        printed = _run(command, "flite")
         audio, rate = soundfile.read(path, dtype="float32")
     phones, start = [], 0.0
-    for token in done.stdout.split():
+    for token in printed.split():
         name, _, end = token.rpartition(":")
         if name in PHONE_INDEX:
             phones.append(Phone(name, start, float(end)))
         start = float(end)
-    return Speech(soxr.resample(audio, rate, SAMPLE_RATE).astype(np.float32), phones)
+    return _resampled(audio, rate, formants, phones)
+
+
+def speak_festival(
+    texts: Sequence[str], voice: str, stretch: float = 1.0, formants: float = 1.0
+) -> list[Speech]:
+    """Speak several texts in one run of festival, which starts slowly."""
+    for text in texts:
+        _check("festival", text)
+    if voice not in FESTIVAL_VOICES:
+        choices = ", ".join(FESTIVAL_VOICES)
+        raise InputError(f"festival voice: expected one of {choices}, got {voice!r}; choose one")
+    lines = [f"({FESTIVAL_VOICES[voice]})", f"(Param.set 'Duration_Stretch {stretch * formants})"]
+    spoken = []
+    with tempfile.TemporaryDirectory() as folder:
+        for k, text in enumerate(texts):
+            plain = text.replace("\\", "").replace('"', "")
+            lines.append(f'(set! u (utt.synth (Utterance Text "{plain}")))')
+            lines.append(f'(utt.save.wave u "{folder}/{k}.wav")')
+            lines.append(f'(utt.save.segs u "{folder}/{k}.seg")')
+        script = Path(folder) / "speak.scm"
+        script.write_text("\n".join(lines))
+        _run(["festival", "--batch", str(script)], "festival festvox-us-slt-hts festvox-kallpc16k")
+        for k in range(len(texts)):
+            audio, rate = soundfile.read(Path(folder) / f"{k}.wav", dtype="float32")
+            phones, start = [], 0.0
+            for line in (Path(folder) / f"{k}.seg").read_text().splitlines():
+                parts = line.split()
+                if len(parts) == 3 and parts[0].replace(".", "").isdigit():
+                    phones.append(Phone(from_festival(parts[2]), start, float(parts[0])))
+                    start = float(parts[0])
+            spoken.append(_resampled(audio, rate, formants, phones))
+    return spoken
 
 
 class _EventId(ctypes.Union):
@@ -133,7 +161,13 @@ class Espeak:
         return 0
 
     def speak(
-        self, text: str, voice: str, words_per_minute: int = 165, pitch: int = 50, tone: int = 50
+        self,
+        text: str,
+        voice: str,
+        words_per_minute: int = 165,
+        pitch: int = 50,
+        tone: int = 50,
+        formants: float = 1.0,
     ) -> Speech:
         """Speak with `voice` such as "en-us+f3"; `pitch` and its range `tone` are 0..100."""
         _check("espeak-ng", text)
@@ -142,24 +176,39 @@ class Espeak:
                 f"espeak-ng voice: expected a known one, got {voice!r}; "
                 "list them with espeak-ng --voices=variant"
             )
-        for parameter, value in ((1, words_per_minute), (3, pitch), (4, tone)):
-            self._library.espeak_SetParameter(parameter, value, 0)
+        slower = round(words_per_minute / formants)
+        for parameter, value in ((1, slower), (3, pitch), (4, tone)):
+            self._library.espeak_SetParameter(parameter, int(value), 0)
         self._chunks, self._events = [], []
         data = text.encode()
+        # Voices with breath read the C library's rand(), so that sound would depend on history.
+        _LIBC.srand(1)
         self._library.espeak_Synth(data, len(data) + 1, 0, 1, 0, 1, None, None)
         audio = np.concatenate(self._chunks).astype(np.float32) / 32768
         phones = _espeak_phones(self._events, len(audio), self._rate)
-        return Speech(soxr.resample(audio, self._rate, SAMPLE_RATE).astype(np.float32), phones)
+        return _resampled(audio, self._rate, formants, phones)
+
+
+_LIBC = ctypes.CDLL(None) if os.name == "posix" else ctypes.cdll.msvcrt
 
 
 def _espeak_phones(events: list[tuple[int, str]], samples: int, rate: int) -> list[Phone]:
-    """Events (first sample, IPA) -> phones; empty events are dropped, times come 6 ms late."""
+    """Events (first sample, IPA) -> phones; empty events are dropped, starts are corrected."""
     bounds = [sample for sample, _ in events[1:]] + [samples]
-    phones = []
-    for (start, ipa), end in zip(events, bounds, strict=True):
-        if end <= start:
-            continue
-        plain = ipa.strip("ˈˌ")
-        name = _IPA_TO_PHONE.get(plain) or _IPA_TO_PHONE.get(plain[:1]) or "pau"
-        phones.append(Phone(name, max(0.0, start / rate - 0.006), max(0.0, end / rate - 0.006)))
-    return phones
+    kept = [
+        (from_ipa(ipa), a / rate - _ESPEAK_LATE_S, b / rate - _ESPEAK_LATE_S)
+        for (a, ipa), b in zip(events, bounds, strict=True)
+        if b > a
+    ]
+    kept = [row for row in kept if row[0]]  # marks lengthen the phone before
+    starts = [start for _, start, _ in kept]
+    for k in range(1, len(kept)):
+        if kept[k][0] in ("p", "b", "t", "d", "k", "g"):
+            room = 0.4 * (kept[k][1] - kept[k - 1][1])
+            starts[k] -= min(_ESPEAK_CLOSURE_S, max(room, 0.0))
+    ends = [*starts[1:], kept[-1][2]] if kept else []
+    return [
+        Phone(name, max(0.0, start), max(0.0, end))
+        for (name, _, _), start, end in zip(kept, starts, ends, strict=True)
+        if end > start
+    ]

@@ -1,0 +1,98 @@
+"""Build a data set: subjects in parallel processes, each a session folder with its motion.
+
+Composes encoder/capture (numbers) with the decoder's lips and the session format. Resumable: a
+subject whose folder is finished is not made again.
+"""
+
+import json
+import multiprocessing
+import os
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from encoder.capture.build import Config, Plan
+    from encoder.capture.contacts import LipGeometry
+    from encoder.capture.made import Take
+
+_lips: "LipGeometry | None" = None  # of the parent process; children are forked
+
+
+def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
+    """Make or finish a set in `folder`; returns its manifest's counts."""
+    global _lips
+    from tqdm import tqdm
+
+    from app.capture_face import lips
+    from encoder.capture import build as capture
+    from encoder.capture import dataset
+    from sensors.types import InputError
+
+    plans = capture.plans(config)
+    recipe = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    _same_recipe(folder, recipe, InputError)
+    todo = [plan for plan in plans if dataset.finished(folder / plan.name) is None]
+    todo.sort(key=lambda plan: plan.kind == "made")  # real ones take longest: first
+    _lips = lips()
+    os.environ["OMP_NUM_THREADS"] = "1"
+    context = multiprocessing.get_context("fork")
+    # one task a child: espeak-ng keeps a state, so that its sound would depend on what it said
+    with context.Pool(processes, maxtasksperchild=1) as pool:
+        work = pool.imap_unordered(_make, [(folder / plan.name, plan) for plan in todo])
+        for _ in tqdm(work, total=len(todo), desc="capture", unit="subject", mininterval=2):
+            pass
+    entries = [entry for plan in plans if (entry := dataset.finished(folder / plan.name))]
+    entries = [entry for entry in entries if entry["clips"]]
+    dataset.write_manifest(folder, entries, capture.sources(plans), **recipe)
+    return dataset.counts(entries)
+
+
+def _same_recipe(folder: Path, recipe: dict[str, Any], error: type[Exception]) -> None:
+    """A folder holds one recipe: raise when it was begun with another one."""
+    path = folder / "recipe.json"
+    text = json.dumps(recipe, indent=1)
+    if path.is_file() and path.read_text() != text:
+        raise error(
+            f"{folder}: expected the settings it was begun with ({path}), got others; "
+            "choose another folder or repeat the first settings"
+        )
+    path.write_text(text)
+
+
+def _make(job: "tuple[Path, Plan]") -> str:
+    from encoder.capture import build as capture
+    from encoder.capture import dataset
+
+    folder, plan = job
+    if folder.exists():
+        shutil.rmtree(folder)  # was not finished
+    takes = list(capture.takes(plan, _lips))
+    if takes:
+        write_session(folder, takes, plan.name)
+        dataset.write_shard(folder, [t.clip for t in takes], subject=plan.name, seed=plan.seed)
+    return plan.name
+
+
+def write_session(folder: Path, takes: "list[Take]", name: str) -> None:
+    """The takes' sound end to end, as a session without eyes."""
+    from sensors.recording import RecordingWriter
+
+    devices = {"audio": f"capture stage, {name}"}
+    with RecordingWriter(folder, created="", devices=devices, audio_format="pcm16") as writer:
+        for packet in _packets(takes):
+            writer.append(packet)
+
+
+def _packets(takes: "list[Take]") -> Iterator[Any]:
+    from sensors.types import NS, SAMPLE_RATE, AudioPacket
+
+    first = 0
+    for take in takes:
+        for start in range(0, len(take.audio), SAMPLE_RATE):
+            samples = take.audio[start : start + SAMPLE_RATE]
+            yield AudioPacket(first * NS // SAMPLE_RATE, first, samples)
+            first += len(samples)

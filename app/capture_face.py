@@ -1,0 +1,56 @@
+"""The decoder's face as numbers for the capture: its lips and teeth, and the check on vertices."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from encoder.capture.contacts import LipGeometry, TeethGeometry
+
+Floats = NDArray[np.float32]
+# The upper teeth in the face data's order of vertices, where the decoder names no such set.
+TEETH_UPPER = np.arange(17_039, 19_247)
+
+
+def every_face() -> tuple[Callable[[Floats], list[Floats]], dict[str, NDArray[np.int32]]]:
+    """rig [53] -> the vertices of every shipped avatar, looking ahead; and the vertex sets."""
+    from render import identity
+    from render.decoder import Decoder
+
+    decoder = Decoder.load()
+    people = [identity.load(name) for name in identity.names()]
+    ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+
+    def vertices(rig: Floats) -> list[Floats]:
+        code = decoder.encode(rig.astype(np.float32))
+        return [decoder.vertices(code, ahead, who) for who in people]
+
+    return vertices, decoder.regions
+
+
+def lips() -> "LipGeometry":
+    """The lips of all shipped avatars, as the capture's contacts need them."""
+    from encoder.capture.contacts import lip_geometry
+
+    vertices, regions = every_face()
+    return lip_geometry(vertices, regions["lips_upper"], regions["lips_lower"])
+
+
+def teeth() -> "TeethGeometry":
+    """Lower lips and upper teeth of all shipped avatars."""
+    from encoder.capture.contacts import teeth_geometry
+
+    vertices, regions = every_face()
+    return teeth_geometry(vertices, regions["lips_lower"], regions.get("teeth_upper", TEETH_UPPER))
+
+
+def gap_error_mm(geometry: "LipGeometry", rigs: Floats) -> float:
+    """How far the geometry's gaps [T, 53] are from those of the decoder's own vertices, at most."""
+    vertices, _ = every_face()
+    worst = 0.0
+    for rig, said in zip(rigs, geometry.gap_mm(rigs), strict=True):
+        gaps = [geometry.gap_on(face) for face in vertices(rig)]
+        worst = max(worst, abs(max(gaps) - float(said)))
+    return worst
