@@ -74,7 +74,7 @@ class LiveSource:
         for camera in self.cameras:
             camera.open()
         self._timeline = AudioTimeline(self._clock.now_ns())
-        self._is_open, self._stopped = True, False
+        self._is_open = True  # and a stop that came while everything was loaded stands
 
     def stop(self) -> None:
         """No packet comes any more; for signal handlers."""
