@@ -1,25 +1,30 @@
 """The Driver: one SensorFrame in, one DrivenFrame out, nothing of the future (paper section 4.3).
 
-1600 new samples -> audio features -> gaze -> one denoising step at tau = N, with noise keyed by
-(seed, frame index) and the past as a K/V cache. Between assembly and the decoder in the flow.
+1600 new samples -> audio features; eye pictures -> condition e and gaze, or a walk of the gaze
+graph -> one denoising step at tau = N, with noise keyed by (seed, frame index) and the past as a
+K/V cache. Between assembly and the decoder in the flow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.diffusion import frame_noise
-from encoder.gaze import GazeState, GazeSynth
+from encoder.eye_tracker import EyeState, EyeTracker
+from encoder.gaze_graph import GazeGraph
+from encoder.gaze_walk import GazeWalk, WalkState
 from sensors.types import InputError, SensorFrame
 
 if TYPE_CHECKING:
     from encoder.denoiser import Denoiser
+    from encoder.eye_calibration import EyeCalibration
+    from encoder.eye_encoder import EyeEncoder
     from encoder.inference import Backend, BackendState
 
 Timer = Callable[[str], AbstractContextManager[object]]
@@ -39,7 +44,7 @@ class DriverState:
 
     seed: int
     backend: BackendState
-    gaze: GazeState
+    gaze: WalkState | EyeState  # as the condition is
 
 
 def _untimed(stage: str) -> AbstractContextManager[object]:
@@ -49,19 +54,34 @@ def _untimed(stage: str) -> AbstractContextManager[object]:
 class Driver:
     """Holds weights only; every stream's memory is in its state."""
 
-    def __init__(self, backend: Backend, denoiser: Denoiser) -> None:
+    def __init__(
+        self,
+        backend: Backend,
+        denoiser: Denoiser,
+        eyes: EyeEncoder | None = None,
+        graph: GazeGraph | None = None,  # default: the shipped one
+    ) -> None:
         config = denoiser.config
-        if config.condition != "gaze":
+        if (config.condition == "eyes") != (eyes is not None):
             raise InputError(
-                f"student: expected a model conditioned on gaze, got {config.condition!r}; "
-                "run with --condition eyes"
+                f"student: expected a model conditioned on {'eyes' if eyes else 'gaze'}, got "
+                f"{config.condition!r}; run with --condition {config.condition}"
             )
-        self.backend, self.config = backend, config
+        self.backend, self.config, self.eyes = backend, config, eyes
+        self.graph = graph or GazeGraph.load()
         self.mean = denoiser.expression_mean.cpu().numpy()
         self.std = denoiser.expression_std.cpu().numpy()
 
-    def init_state(self, seed: int) -> DriverState:
-        return DriverState(seed, self.backend.init_state(), GazeSynth(seed).init_state())
+    def init_state(self, seed: int, calibration: EyeCalibration | None = None) -> DriverState:
+        walk = GazeWalk(self.graph, seed)
+        gaze = self._tracker(seed).init_state(calibration) if self.eyes else walk.init_state()
+        return DriverState(seed, self.backend.init_state(), gaze)
+
+    def recentred(self, state: DriverState) -> DriverState:
+        """Where the tracked eyes look now is straight ahead from now on."""
+        if isinstance(state.gaze, EyeState):
+            return replace(state, gaze=self._tracker(state.seed).recentred(state.gaze))
+        return state
 
     def step(
         self, frame: SensorFrame, state: DriverState, timer: Timer = _untimed
@@ -69,13 +89,31 @@ class Driver:
         """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
         with timer("audio"):
             features, backend_state = self.backend.audio(frame.audio, state.backend)
-        with timer("gaze"):
-            gaze, gaze_state = GazeSynth(state.seed).step(state.gaze)
+        condition, gaze, gaze_state = self._look(frame, state, timer)
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
-            code, backend_state = self.backend.denoise(
-                noise, features, gaze.reshape(-1), backend_state
-            )
+            code, backend_state = self.backend.denoise(noise, features, condition, backend_state)
             expression = code * self.std + self.mean
         driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
         return driven, DriverState(state.seed, backend_state, gaze_state)
+
+    def _look(
+        self, frame: SensorFrame, state: DriverState, timer: Timer
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], WalkState | EyeState]:
+        """The denoiser's condition, gaze [2, 3], and the state after it."""
+        if isinstance(state.gaze, WalkState):
+            with timer("gaze"):
+                gaze, _, walk = GazeWalk(self.graph, state.seed).step(state.gaze)
+            return gaze.reshape(-1), gaze, walk
+        assert self.eyes is not None
+        with timer("eyes"):
+            visible = frame.eyes is not None and frame.eyes_valid.any()
+            reading = self.eyes(frame.eyes) if visible else None  # type: ignore[arg-type]
+        with timer("gaze"):
+            tracker = self._tracker(state.seed)
+            seen, eye_state = tracker.step(reading, frame.eyes_valid, state.gaze)
+        return seen.features.reshape(-1), seen.gaze, eye_state
+
+    def _tracker(self, seed: int) -> EyeTracker:
+        assert self.eyes is not None
+        return EyeTracker(self.eyes, GazeWalk(self.graph, seed))

@@ -44,6 +44,7 @@ class EyeState:
     walk: WalkState
     shown: Seen | None  # of the last frame; None before the first
     faded: Seen | None  # where the running fades began
+    calibration: EyeCalibration | None = None  # of the person
     source: tuple[int, int] = (WALK, WALK)
     lost: tuple[int, int] = (HOLD_FRAMES, HOLD_FRAMES)  # frames since the own camera was good
     fade: tuple[int, int] = (FADE_FRAMES, FADE_FRAMES)  # frames since the source changed
@@ -51,15 +52,20 @@ class EyeState:
 
 
 class EyeTracker:
-    """step(reading, fresh, state) -> Seen; holds weights and the person's calibration only."""
+    """step(reading, fresh, state) -> Seen; holds weights only."""
 
-    def __init__(
-        self, encoder: EyeEncoder, walk: GazeWalk, calibration: EyeCalibration | None = None
-    ) -> None:
-        self.encoder, self.walk, self.calibration = encoder, walk, calibration
+    def __init__(self, encoder: EyeEncoder, walk: GazeWalk) -> None:
+        self.encoder, self.walk = encoder, walk
 
-    def init_state(self) -> EyeState:
-        return EyeState(self.walk.init_state(), None, None)
+    def init_state(self, calibration: EyeCalibration | None = None) -> EyeState:
+        return EyeState(self.walk.init_state(), None, None, calibration)
+
+    def recentred(self, state: EyeState) -> EyeState:
+        """What a camera shows now is straight ahead; unchanged while no camera sees an eye."""
+        if state.shown is None or 0 not in state.lost:
+            return state
+        calibration = (state.calibration or EyeCalibration()).recentred(state.shown.gaze)
+        return replace(state, calibration=calibration)
 
     def step(
         self,
@@ -68,7 +74,9 @@ class EyeTracker:
         state: EyeState,
     ) -> tuple[Seen, EyeState]:
         good = np.zeros(2, bool) if reading is None else fresh & (reading.score >= GOOD_SCORE)
-        own = self._calibrated(reading) if reading is not None and good.any() else None
+        own = None
+        if reading is not None and good.any():
+            own = self._calibrated(reading, state.calibration)
         lost = tuple(0 if good[e] else min(state.lost[e] + 1, HOLD_FRAMES + 1) for e in (0, 1))
         first = state.shown is None
         source = tuple(_source(e, good, lost, state.source, first) for e in (0, 1))
@@ -91,11 +99,11 @@ class EyeTracker:
         )
         return seen, after
 
-    def _calibrated(self, reading: EyeReading) -> Seen:
+    def _calibrated(self, reading: EyeReading, calibration: EyeCalibration | None) -> Seen:
         """The person's own gaze and lids; the features move along."""
-        if self.calibration is None:
+        if calibration is None:
             return Seen(reading.features, reading.gaze, reading.lids)
-        gaze, lids = self.calibration.apply(reading.gaze, reading.lids)
+        gaze, lids = calibration.apply(reading.gaze, reading.lids)
         before = self.encoder.synthesise(reading.gaze, reading.lids)
         moved = (self.encoder.synthesise(gaze, lids) - before).astype(np.float32)
         return Seen(_bounded(reading.features + moved), gaze, lids)

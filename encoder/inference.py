@@ -29,7 +29,9 @@ if TYPE_CHECKING:
 Array = NDArray[np.float32]
 BackendState = dict[str, Any]
 BackendName = Literal["auto", "onnx-int8", "onnx", "torch"]
+Condition = Literal["gaze", "eyes"]
 WEIGHTS = Path(__file__).parent / "weights"
+STUDENTS: dict[Condition, str] = {"gaze": "student", "eyes": "student_eyes"}
 
 
 class Backend(Protocol):
@@ -217,15 +219,18 @@ def int8_is_exact() -> bool:
     return bool(np.allclose(y, rows, rtol=0.01))
 
 
-def load_models(weights_dir: Path | str | None = None) -> tuple[AudioEncoder, Denoiser, dict]:
+def load_models(
+    weights_dir: Path | str | None = None, condition: Condition = "gaze"
+) -> tuple[AudioEncoder, Denoiser, dict]:
     """Read audio and student checkpoints of a folder -> both networks and the student's card."""
+    student = STUDENTS[condition]
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
     tensors, audio_card = load(folder / "audio", "audio")
     encoder = AudioEncoder(config_from(AudioEncoderConfig, audio_card["config"]))
     fill(encoder, tensors, folder / "audio")
-    tensors, card = load(folder / "student", "student")
+    tensors, card = load(folder / student, "student")
     denoiser = Denoiser(config_from(DenoiserConfig, card["config"]))
-    fill(denoiser, tensors, folder / "student")
+    fill(denoiser, tensors, folder / student)
     if card.get("audio_sha256", audio_card["sha256"]) != audio_card["sha256"]:
         raise InputError(
             f"checkpoint {folder / 'student'}: expected the audio encoder it was trained with, got "
@@ -269,15 +274,27 @@ def load_driver(
     weights_dir: Path | str | None = None,
     device: Literal["auto", "cpu", "cuda"] = "auto",
     backend: BackendName = "auto",
+    condition: Condition = "gaze",
 ) -> Driver:
     """The trained Driver. Device "auto" is the GPU where PyTorch sees one."""
     import torch
 
     from encoder.driver import Driver
+    from encoder.eye_encoder import load_eye_encoder
 
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() and not backend.startswith("onnx") else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("device: expected a CUDA GPU, got none; use --device cpu")
-    encoder, denoiser, _ = load_models(weights_dir)
-    return Driver(create_backend(encoder, denoiser, backend, device), denoiser)
+    encoder, denoiser, _ = load_models(weights_dir, condition)
+    folder = WEIGHTS if weights_dir is None else Path(weights_dir)
+    eyes = load_eye_encoder(folder) if condition == "eyes" else None
+    return Driver(create_backend(encoder, denoiser, backend, device), denoiser, eyes)
+
+
+def choose_condition(wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool) -> Condition:
+    """auto: the eyes, where the source has pictures of them and their weights are installed."""
+    if wanted != "auto":
+        return wanted
+    files = [WEIGHTS / f"{name}.safetensors" for name in ("eyes", STUDENTS["eyes"])]
+    return "eyes" if has_eyes and all(path.is_file() for path in files) else "gaze"

@@ -18,6 +18,9 @@ def net() -> EyeNet:
         torch.nn.init.normal_(norm.running_mean, std=0.1)  # type: ignore[arg-type]
         torch.nn.init.uniform_(norm.running_var, 0.5, 2)  # type: ignore[arg-type]
         torch.nn.init.normal_(norm.bias, std=0.2)  # type: ignore[arg-type]
+    with torch.no_grad():
+        made.heads.bias[2:4] = torch.tensor([1.5, 6.0])  # every picture is an open eye
+        made.heads.weight[:2] *= 3
     return made.eval()
 
 

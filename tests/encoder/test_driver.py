@@ -232,5 +232,5 @@ def test_bad_weights_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="softmax"):
         create_backend(encoder, denoiser, backend="onnx")
     eyes = Denoiser(replace(DENOISERS["debug"], condition="eyes", condition_dim=160))
-    with pytest.raises(InputError, match="conditioned on gaze"):
+    with pytest.raises(InputError, match="--condition eyes"):
         Driver(create_backend(encoder, eyes, "onnx"), eyes)

@@ -25,8 +25,8 @@ ENCODER, GRAPH = encoder(), graph()
 BOTH = np.ones(2, bool)
 
 
-def tracker(calibration: EyeCalibration | None = None) -> EyeTracker:
-    return EyeTracker(ENCODER, GazeWalk(GRAPH, 7), calibration)
+def tracker() -> EyeTracker:
+    return EyeTracker(ENCODER, GazeWalk(GRAPH, 7))
 
 
 def readings(frames: int, seed: int = 1) -> list[EyeReading]:
@@ -177,8 +177,20 @@ def test_state_is_a_value() -> None:
 def test_calibration_moves_gaze_and_features() -> None:
     shifted = EyeCalibration(shift=((0.1, 0.0), (0.1, 0.0)))
     reading = readings(1)[0]
-    track = tracker(shifted)
-    seen, _ = track.step(reading, BOTH, track.init_state())
+    track = tracker()
+    seen, _ = track.step(reading, BOTH, track.init_state(shifted))
     assert np.abs(seen.gaze[:, 0] - reading.gaze[:, 0] - 0.1).max() < 1e-5
     expected = ENCODER.synthesise(seen.gaze, seen.lids)
     assert np.abs(seen.features - expected).max() < 1e-4
+
+
+def test_recentring_makes_now_straight_ahead() -> None:
+    track, row = tracker(), readings(1)[0]
+    _, state = track.step(row, BOTH, track.init_state())
+    assert abs(row.gaze.mean(0)[:2]).max() > 0.02
+    seen, state = track.step(row, BOTH, track.recentred(state))
+    assert np.abs(seen.gaze.mean(0)[:2]).max() < 1e-4
+    blind = np.zeros(2, bool)
+    for _ in range(20):
+        _, state = track.step(None, blind, state)
+    assert track.recentred(state) is state  # nothing was seen: nothing changes
