@@ -16,6 +16,7 @@ from app.window.state import State
 from sensors.types import EYE_NAMES, EYE_SIZE, FPS
 
 BUDGET_MS = 1000 / FPS
+CEILING_MS = 42.0  # of the graph; longer ticks reach its top
 SHOWN = [k for k, name in enumerate(STAGES) if name != "tick"]
 AUTOMATIC = "as heard"  # no emotion is chosen
 EYE_MARK, EYE_RAY = theme.GOOD, theme.ACCENT
@@ -165,7 +166,6 @@ def _graph(state: State, fonts: theme.Fonts) -> None:
     scale = imgui.get_style().font_scale_dpi
     history, axes = state.history, implot.AxisFlags_
     tops = np.cumsum(history.stage_ms[:, SHOWN], axis=1)
-    ceiling = max(40.0, float(history.stage_ms[:, -1].max()) * 1.1)
     seconds = (np.arange(KEPT) - (KEPT - 1)) / FPS
     implot.push_style_color(implot.Col_.frame_bg, ImVec4(*theme.RAISED))
     implot.push_style_color(implot.Col_.plot_bg, ImVec4(*theme.CLEAR))
@@ -178,7 +178,7 @@ def _graph(state: State, fonts: theme.Fonts) -> None:
         if implot.begin_plot("##tick", ImVec2(-1, 140 * scale), flags):
             quiet = axes.no_tick_marks | axes.no_menus | axes.no_highlight
             implot.setup_axes("", "", quiet | axes.no_tick_labels | axes.no_grid_lines, quiet)
-            implot.setup_axes_limits(float(seconds[0]), 0.0, 0.0, ceiling, implot.Cond_.always)
+            implot.setup_axes_limits(float(seconds[0]), 0.0, 0.0, CEILING_MS, implot.Cond_.always)
             names = ["0", "10", "20", f"{BUDGET_MS:.0f} ms"]
             implot.setup_axis_ticks(implot.ImAxis_.y1, [0.0, 10.0, 20.0, BUDGET_MS], names)
             below = np.zeros(KEPT)

@@ -52,7 +52,8 @@ class WindowSink:
         wishes, start_ns = self._memory.wishes, self._clock.now_ns()
         while not wishes["ready"]:
             if self._process.poll() is not None:
-                raise InputError(bytes(wishes["error"]).decode() or "--window: it did not start")
+                reason = bytes(wishes["error"]).decode() or "the window process crashed"
+                raise InputError(f"--window: {reason}; `livedrive run --headless` needs no screen")
             if self._clock.now_ns() > start_ns + START_S * NS:
                 raise InputError(
                     f"--window: expected a window within {START_S} s, got none; "
