@@ -12,7 +12,7 @@ import tyro
 from sensors.types import Clock, InputError
 
 if TYPE_CHECKING:
-    from sensors.live import LiveSource
+    from sensors.live import LiveMicrophone, LiveSource
     from sensors.live_recorder import LiveRecorder
 
 
@@ -20,16 +20,18 @@ if TYPE_CHECKING:
 class LiveOptions:
     """Options of the commands that listen and look."""
 
-    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none")] = None
-    """Microphone, or a part of its name; none for silence. See: livedrive devices."""
+    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none|web")] = None
+    """Microphone, or a part of its name; none for silence; web for that of the --web page.
+    See: livedrive devices."""
     eyes: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SPEC ...")] = ()
     """One camera for both eyes, or left and right: uvc:0, http://host:81/, serial:/dev/ttyACM0,
     usb:35bd:0202, file:eye.mkv, session:DIR; after a #: swap, mirror, turn=90, crop=X:Y:W:H."""
     seconds: float | None = None
     """End by itself after so much sound."""
 
-    def live_source(self, clock: Clock) -> "LiveSource":
-        """Check the options and build the sensors; they are not opened yet."""
+    def live_source(self, clock: Clock, microphone: "LiveMicrophone | None" = None) -> "LiveSource":
+        """Check the options and build the sensors; they are not opened yet. A `microphone` that is
+        given takes the place of the one that `--mic` names."""
         from sensors import portaudio
         from sensors.eyes.spec import cameras
         from sensors.live import LiveSource
@@ -39,8 +41,8 @@ class LiveOptions:
             raise InputError(
                 f"--seconds: expected more than 0, got {self.seconds}; try --seconds 10"
             )
-        eyes, microphone = cameras(self.eyes, clock), None
-        if self.mic != "none":
+        eyes = cameras(self.eyes, clock)
+        if microphone is None and self.mic != "none":
             if self.mic is not None:
                 portaudio.check_name(self.mic)
             microphone = Microphone(self.mic, clock)

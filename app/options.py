@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import tyro
 
 from app import background
+from app.network import NetworkOptions, network_report
 from sensors.types import FPS, Clock, InputError, Source
 
 if TYPE_CHECKING:
     from app.sinks.sink import Sink
     from app.stages import Stages
     from app.tape import Tape
+    from app.web.sink import WebSink
     from app.window.sink import WindowSink
     from encoder.driver import Driver
     from render.decoder import Decoder
@@ -24,7 +26,7 @@ MAX_SIZE = 4096
 
 
 @dataclass(kw_only=True)
-class DriveOptions:
+class DriveOptions(NetworkOptions):
     """Options of every command that drives the head."""
 
     video: Path | None = None
@@ -47,8 +49,8 @@ class DriveOptions:
     """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
     """Who is driven; see: livedrive avatar list."""
-    condition: Literal["auto", "gaze"] = "auto"
-    """What drives the upper face: synthesised gaze."""
+    condition: Literal["auto", "gaze", "eyes"] = "auto"
+    """What drives the upper face: synthesised gaze, or the eye cameras; auto: whatever there is."""
     size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
     """Width and height of the picture, in pixels."""
     seed: int = 0
@@ -56,8 +58,8 @@ class DriveOptions:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where the networks run."""
 
-    def load_driver(self) -> "Driver":
-        """Check the options and load the networks."""
+    def load_driver(self, has_eyes: bool = False) -> "Driver":
+        """Check the options and load the networks; `has_eyes`: the source shows eyes."""
         if not 64 <= self.size <= MAX_SIZE or self.size % 2:
             raise InputError(
                 f"--size: expected an even number in 64..{MAX_SIZE}, got {self.size}; "
@@ -69,9 +71,11 @@ class DriveOptions:
                 "--background: expected a colour, as videos and cameras have no alpha, "
                 "got 'transparent'; try --background green"
             )
-        from encoder.inference import load_driver
+        from encoder.inference import choose_condition, load_driver
 
-        return load_driver(device=self.device)
+        return load_driver(
+            device=self.device, condition=choose_condition(self.condition, has_eyes)
+        )
 
     def drive(
         self,
@@ -86,18 +90,22 @@ class DriveOptions:
         frames: int | None = None,  # how many will come, where that is known
         more_sinks: Sequence["Sink"] = (),
         tape: "Tape | None" = None,
+        page: "WebSink | None" = None,  # of a run that listens to it; else --web opens one
     ) -> dict[str, Any]:
         """Drive the head from `source` until it ends or Ctrl-C; return the report (DESIGN 4)."""
         from app.loop import Head, drive
         from app.sinks.sink import RunInfo
         from app.stages import Stages
+        from encoder.inference import STUDENTS
         from render import cameras, identity
         from render.decoder import Decoder
         from render.renderer import create_renderer
 
         who, decoder = identity.load(self.avatar), Decoder.load()
         stages = Stages()
-        sinks = [*self._sinks(decoder, who), *more_sinks]
+        page = page or self.open_web(clock, self.avatar)
+        network = self.network_sinks(clock, decoder, self.avatar, page)
+        sinks = [*self._sinks(decoder, who), *more_sinks, *network]
         window = None
         if self.window:
             window = self._open_window(clock, stages, title, live, frames, tape)
@@ -127,9 +135,10 @@ class DriveOptions:
             "backend": driver.backend.name,
             "seed": self.seed,
             "condition": driver.config.condition,
-            "checkpoint": "student",
+            "checkpoint": STUDENTS[driver.config.condition],
             "avatar": self.avatar,
             "stages": stages.summary(),
+            **network_report(network),
         }
 
     def finish(self, report: dict[str, Any]) -> None:

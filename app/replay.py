@@ -29,9 +29,10 @@ class Replay(DriveOptions):
         from sensors.recording import Recording
         from sensors.replay import ReplaySource
 
-        recording, driver, clock = Recording(self.session), self.load_driver(), MonotonicClock()
+        recording, clock = Recording(self.session), MonotonicClock()
+        driver = self.load_driver(has_eyes=bool(recording.eyes))
         eyes = self.window or driver.config.condition == "eyes"
-        realtime = self.realtime or self.window
+        realtime = self.realtime or self.window or (self.is_networked and not self.fast)
         report = self.drive(
             ReplaySource(recording, clock, realtime, eyes=eyes),
             driver,
@@ -39,7 +40,7 @@ class Replay(DriveOptions):
             realtime=realtime,
             # Codes alone need no picture; --realtime always draws, as a live run does.
             draw=self.realtime or self.report is not None,
-            title=str(self.session),
+            title="/".join(self.session.parts[-2:]),
             frames=recording.duration_ns * FPS // NS,
             more_sinks=[ProgressSink()],
         )

@@ -3,10 +3,15 @@
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.live import LiveOptions, ends_on_signals, open_recorder, sensor_report
 from app.options import DriveOptions
 from sensors.types import InputError
+
+if TYPE_CHECKING:
+    from app.web.microphone import WebMicrophone
+    from app.web.sink import WebSink
 
 
 @dataclass(kw_only=True)
@@ -29,7 +34,9 @@ class Run(LiveOptions, DriveOptions):
         from sensors.portaudio import silence_native_messages
 
         clock = MonotonicClock()
-        source, driver = self.live_source(clock), self.load_driver()
+        page = self.open_web(clock, self.avatar, microphone=self.mic == "web")
+        source = self.live_source(clock, self._web_microphone(page))
+        driver = self.load_driver(has_eyes=bool(source.info.eyes))
         tape = Tape(self.record, partial(open_recorder, source=source))
         stats = LiveStats()
         silence_native_messages()
@@ -44,6 +51,7 @@ class Run(LiveOptions, DriveOptions):
                     live=True,
                     more_sinks=[stats, Dashboard(source, stats)],
                     tape=tape,
+                    page=page,
                 )
         finally:
             tape.close()
@@ -54,3 +62,12 @@ class Run(LiveOptions, DriveOptions):
             print(f"wrote {session.resolve()}; next: livedrive replay {session}")
         if signals:
             raise KeyboardInterrupt
+
+    def _web_microphone(self, page: "WebSink | None") -> "WebMicrophone | None":
+        if self.mic != "web":
+            return None
+        if page is None:
+            raise InputError("--mic web: expected a page, got none; try --web 8443 --mic web")
+        from app.web.microphone import WebMicrophone
+
+        return WebMicrophone(page.link)

@@ -28,7 +28,7 @@ QUEUE = 8  # ticks; when the thread falls behind, the oldest is dropped
 COSTS = 30 * 60 * 10  # ticks whose cost is remembered
 SURE = 3  # ticks without a refusal after which a receiver counts as met again
 JOIN_S = 2.0
-PORTS = {"vmc": vmc.PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT}
+PORTS = {"vmc": vmc.PORT, "vrchat": vrchat.PORT, "livelink": livelink.PORT, "ws": 9001}
 EXAMPLES = ", ".join(f"{scheme}://127.0.0.1:{port}" for scheme, port in PORTS.items())
 
 
@@ -136,7 +136,7 @@ def parse(url: str) -> tuple[str, str, int, str]:
     except ValueError:
         port = 0
     if parts.scheme not in PORTS or not parts.hostname or not port:
-        raise InputError(f"--send: expected {EXAMPLES} or ws://127.0.0.1:9001, got {url!r}")
+        raise InputError(f"--send: expected one of {EXAMPLES}, got {url!r}; name one")
     return parts.scheme, parts.hostname, port, unquote(parts.path.strip("/"))
 
 

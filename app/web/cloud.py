@@ -1,0 +1,139 @@
+"""Gaussians as bytes for the network: 16 bytes each at first, then 12 bytes for each that moves.
+
+    base:  the head at rest, once to a page     tick:  what differs from the base, 30 times a second
+
+No tick depends on another one, so any tick may be dropped. What moves is three words a Gaussian:
+
+    word 0:  x 14 bits | y 14 | turn c, low 4 bits
+    word 1:  z 14 bits | turn a 10 | turn b, low 8 bits
+    word 2:  log2 of the three scales, 8 bits each | turn b, high 2 bits | turn c, high 6 bits
+
+Position and scales are shares of the ranges in the base; a, b, c are the turn's modified Rodrigues
+parameters xyz / (1 + w), -1..1. Colours and opacities are static, 8 bits each. All little-endian.
+"""
+
+import struct
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.types import Gaussians
+
+BASE, TICK = 1, 2  # first byte of a message
+HEAD = struct.Struct("<BxxxI")  # kind, number of Gaussians
+RANGES = struct.Struct("<6f")  # low corner mm, step mm, lowest log2 of a scale, step
+STAMP = struct.Struct("<qqI4x")  # frame, t_ns, number of movers
+POSITION_MAX, TURN_MAX, SCALE_MAX = (1 << 14) - 1, (1 << 10) - 1, 255
+MARGIN_MM = 40.0  # how far a Gaussian may leave the box of the head at rest
+MARGIN_SCALE = 1.0  # log2: how much thinner or wider than any at rest
+
+Words = NDArray[np.uint32]
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """What the bits mean."""
+
+    low_mm: NDArray[np.float32]  # [3]
+    step_mm: float
+    low_scale: float  # log2 of mm
+    step_scale: float
+
+    @classmethod
+    def around(cls, rest: Gaussians) -> "Ranges":
+        low, high = rest.means.min(0) - MARGIN_MM, rest.means.max(0) + MARGIN_MM
+        logs = np.log2(np.maximum(rest.scales, 1e-4))
+        thin, wide = float(logs.min()) - MARGIN_SCALE, float(logs.max()) + MARGIN_SCALE
+        step = float((high - low).max()) / POSITION_MAX
+        return cls(low, step, thin, (wide - thin) / SCALE_MAX)
+
+
+def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 3]
+    """The moving part of every Gaussian."""
+    at = (gaussians.means - ranges.low_mm).T * np.float32(1 / ranges.step_mm)
+    x, y, z = _levels(at, POSITION_MAX)
+    logs = np.log2(np.maximum(gaussians.scales.T, np.float32(1e-4)))
+    scaled = (logs - np.float32(ranges.low_scale)) * np.float32(1 / ranges.step_scale)
+    sx, sy, sz = _levels(scaled, SCALE_MAX)
+    w, *turns = np.ascontiguousarray(gaussians.quats.T)
+    length = np.sqrt(w * w + turns[0] ** 2 + turns[1] ** 2 + turns[2] ** 2)
+    half = np.float32(TURN_MAX / 2) / (w + np.copysign(length + np.float32(1e-12), w))
+    a, b, c = _levels(np.stack(turns) * half + np.float32(TURN_MAX / 2), TURN_MAX)
+    words = np.empty((len(gaussians), 3), np.uint32)
+    words[:, 0] = x | y << 14 | (c & 15) << 28
+    words[:, 1] = z | a << 14 | (b & 255) << 24
+    words[:, 2] = sx | sy << 8 | sz << 16 | b >> 8 << 24 | c >> 4 << 26
+    return words
+
+
+def _levels(
+    values: NDArray[np.float32],  # [3, N]
+    largest: int,
+) -> Words:
+    """Rounded to whole numbers 0..largest."""
+    return (np.clip(values, 0, largest) + np.float32(0.5)).astype(np.uint32)
+
+
+def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
+    """The head at rest, with the ranges, colours and opacities that all ticks share."""
+    head = HEAD.pack(BASE, len(gaussians))
+    head += RANGES.pack(*ranges.low_mm, ranges.step_mm, ranges.low_scale, ranges.step_scale)
+    colors = np.concatenate([gaussians.colors, gaussians.opacities[:, None]], 1)
+    static = np.rint(colors.clip(0, 1) * 255).astype(np.uint8)
+    return head + pack(gaussians, ranges).tobytes() + static.tobytes()
+
+
+def tick_message(words: Words, base: Words, frame: int, t_ns: int) -> bytes:
+    """What differs from the base: which Gaussians, one bit each, then their words."""
+    moved = (words != base).any(1)
+    head = HEAD.pack(TICK, len(words)) + STAMP.pack(frame, t_ns, int(moved.sum()))
+    bits = np.packbits(moved, bitorder="little").tobytes()
+    return head + bits + b"\0" * (-len(bits) % 4) + words[moved].tobytes()
+
+
+class CloudReader:
+    """Messages back to Gaussians; what the page does in JavaScript, for Python receivers."""
+
+    def __init__(self) -> None:
+        self.gaussians: Gaussians | None = None
+        self.frame, self.t_ns = -1, 0
+
+    def read(self, message: bytes) -> None:
+        kind, count = HEAD.unpack_from(message)
+        if kind == BASE:
+            *low, step, low_scale, step_scale = RANGES.unpack_from(message, HEAD.size)
+            self._ranges = Ranges(np.array(low, np.float32), step, low_scale, step_scale)
+            start = HEAD.size + RANGES.size
+            words = np.frombuffer(message, "<u4", 3 * count, start)
+            self._base = words.reshape(count, 3).astype(np.uint32)
+            static = np.frombuffer(message, np.uint8, 4 * count, start + 12 * count)
+            self._static = static.reshape(count, 4).astype(np.float32) / np.float32(255)
+            words = self._base
+        else:
+            self.frame, self.t_ns, moved = STAMP.unpack_from(message, HEAD.size)
+            start, num_bytes = HEAD.size + STAMP.size, -(-count // 32) * 4
+            bits = np.frombuffer(message, np.uint8, num_bytes, start)
+            mask = np.unpackbits(bits, bitorder="little", count=count).astype(bool)
+            words = self._base.copy()
+            words[mask] = np.frombuffer(message, "<u4", 3 * moved, start + num_bytes).reshape(-1, 3)
+        self.gaussians = self._unpack(words)
+
+    def _unpack(self, words: Words) -> Gaussians:
+        ranges, (one, two, three) = self._ranges, words.T
+        at = np.stack([one & POSITION_MAX, one >> 14 & POSITION_MAX, two & POSITION_MAX], 1)
+        scales = np.stack([three & 255, three >> 8 & 255, three >> 16 & 255], 1)
+        b, c = two >> 24 | (three >> 24 & 3) << 8, one >> 28 | three >> 26 << 4
+        return Gaussians(
+            means=(ranges.low_mm + at * np.float32(ranges.step_mm)).astype(np.float32),
+            quats=_unpack_turns(np.stack([two >> 14 & TURN_MAX, b, c], 1)),
+            scales=np.exp2(ranges.low_scale + scales * ranges.step_scale).astype(np.float32),
+            opacities=self._static[:, 3],
+            colors=self._static[:, :3],
+        )
+
+
+def _unpack_turns(levels: Words) -> NDArray[np.float32]:  # [N, 3] -> [N, 4] wxyz
+    turns = levels * np.float32(2 / TURN_MAX) - 1
+    square = (turns * turns).sum(1, keepdims=True)
+    return (np.concatenate([1 - square, 2 * turns], 1) / (1 + square)).astype(np.float32)

@@ -1,0 +1,110 @@
+"""Listeners of one stream: each has a short box of its own, and a slow one only empties its own."""
+
+import asyncio
+import contextlib
+from collections import deque
+
+from aiohttp import WSMsgType, web
+
+from app.web.guard import Budget
+
+STALL_S = 5.0  # a message must be taken within this time
+CLOSE_S = 1.0  # wait for the other side's goodbye
+MAX_MESSAGES = 20.0  # a second that a listener may send; it has nothing to say
+MAX_LISTENERS = 32  # of one stream
+
+
+class Hub:
+    """Gives each message to all listeners. When a box is full, the oldest message in it goes."""
+
+    def __init__(self, depth: int, binary: bool) -> None:
+        self.sent = self.dropped = 0  # messages, over all listeners
+        self._depth, self._binary = depth, binary
+        self._boxes: set[_Box] = set()
+
+    def __len__(self) -> int:
+        return len(self._boxes)
+
+    def post(self, message: bytes) -> None:
+        for box in self._boxes:
+            self.dropped += box.put(message)
+
+    async def serve(self, request: web.Request, first: list[bytes]) -> web.WebSocketResponse:
+        """Send `first`, then whatever is posted, until the listener leaves or misbehaves."""
+        if len(self._boxes) >= MAX_LISTENERS:
+            raise web.HTTPServiceUnavailable(text="Too many listeners.\n")
+        ws = web.WebSocketResponse(
+            max_msg_size=1024, autoping=False, compress=False, timeout=CLOSE_S
+        )
+        await ws.prepare(request)
+        box = _Box(self._depth)
+        self._boxes.add(box)
+        transport = request.transport
+        feed = asyncio.create_task(self._feed(ws, transport, box, first))
+        try:
+            await _mind(ws, transport)
+        finally:
+            self._boxes.discard(box)
+            feed.cancel()
+            with contextlib.suppress(asyncio.CancelledError, ConnectionError):
+                await feed
+        return ws
+
+    async def _feed(
+        self,
+        ws: web.WebSocketResponse,
+        transport: asyncio.Transport | None,
+        box: "_Box",
+        first: list[bytes],
+    ) -> None:
+        try:
+            for message in first:
+                await self._send(ws, message)
+            while True:
+                await self._send(ws, await box.get())
+        except (TimeoutError, ConnectionError):
+            if transport:
+                transport.abort()
+
+    async def _send(self, ws: web.WebSocketResponse, message: bytes) -> None:
+        async with asyncio.timeout(STALL_S):
+            if self._binary:
+                await ws.send_bytes(message)
+            else:
+                await ws.send_str(message.decode())
+        self.sent += 1
+
+
+async def _mind(ws: web.WebSocketResponse, transport: asyncio.Transport | None) -> None:
+    """Read what a listener sends, which should be next to nothing; return when it is gone."""
+    loop = asyncio.get_running_loop()
+    budget = Budget(MAX_MESSAGES, loop.time())
+    async for message in ws:
+        if not budget.spend(loop.time()):
+            if transport:
+                transport.abort()  # a polite goodbye would have to be read by the flooder
+            return
+        if message.type == WSMsgType.PING:
+            await ws.pong(message.data)
+
+
+class _Box:
+    """At most `depth` messages, oldest first."""
+
+    def __init__(self, depth: int) -> None:
+        self._waiting: deque[bytes] = deque(maxlen=depth)
+        self._filled = asyncio.Event()
+
+    def put(self, message: bytes) -> bool:
+        """True: an older message had to go."""
+        full = len(self._waiting) == self._waiting.maxlen
+        self._waiting.append(message)
+        self._filled.set()
+        return full
+
+    async def get(self) -> bytes:
+        await self._filled.wait()
+        message = self._waiting.popleft()
+        if not self._waiting:
+            self._filled.clear()
+        return message

@@ -1,0 +1,34 @@
+"""What the web server must know before it starts."""
+
+import ipaddress
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class ServerInfo:
+    """Crosses to the server's process as JSON."""
+
+    host: str  # address to listen at
+    port: int  # 0: any that is free
+    avatar: str
+    page: bool = True  # False: JSON only, for a `ws://` target
+    microphone: bool = False  # the run listens to the page's microphone
+    gains: str | None = None  # path of a gains file for the JSON
+
+    @property
+    def what(self) -> str:
+        return "page" if self.page else "face as JSON"
+
+    @property
+    def is_local(self) -> bool:
+        return is_loopback(self.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Whether a host name or address can only mean this machine."""
+    if host == "localhost":
+        return True
+    try:
+        return ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False

@@ -1,0 +1,100 @@
+"""The socket between the loop and the web server's process: ticks one way, sound the other.
+
+    loop -> WebSink -> Link ==socket==> server          page's microphone -> server ==> Link -> loop
+
+Packets keep their borders (SOCK_SEQPACKET) and neither end ever waits: what does not fit is dropped
+and counted. When one end dies, the other reads the end of the stream.
+"""
+
+import contextlib
+import json
+import socket
+import struct
+from collections import deque
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.driver import DrivenFrame
+from render.decoder import EXPRESSION_DIM
+
+TICK = np.dtype(
+    [
+        ("index", "<i8"),
+        ("t_ns", "<i8"),
+        ("expression", "<f4", (EXPRESSION_DIM,)),
+        ("gaze", "<f4", (2, 3)),
+    ]
+)
+SOUND, STATUS = b"A", b"S"  # first byte of a packet from the server
+SOUND_HEAD = struct.Struct("<cqqq")  # kind, page number, first sample, arrival in ns
+MAX_PACKET = 1 << 16
+MAX_SOUNDS = 256  # packets of 10 ms that wait for the loop; the oldest go first
+BUFFER = 1 << 19  # bytes the system may hold for the other end
+
+
+def pair() -> tuple[socket.socket, socket.socket]:
+    """Two connected ends that never block."""
+    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    for end in ends:
+        end.setblocking(False)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+    return ends
+
+
+def pack_tick(driven: DrivenFrame) -> bytes:
+    tick = np.zeros((), TICK)
+    tick["index"], tick["t_ns"] = driven.index, driven.t_ns
+    tick["expression"], tick["gaze"] = driven.expression, driven.gaze
+    return tick.tobytes()
+
+
+def unpack_tick(packet: bytes) -> DrivenFrame:
+    tick = np.frombuffer(packet, TICK)[0]
+    return DrivenFrame(int(tick["index"]), int(tick["t_ns"]), tick["expression"], tick["gaze"])
+
+
+class Link:
+    """The loop's end."""
+
+    def __init__(self, end: socket.socket) -> None:
+        self.status: dict[str, Any] = {}  # what the server last said of itself
+        self.sounds: deque[tuple[int, int, int, NDArray[np.float32]]] = deque(maxlen=MAX_SOUNDS)
+        self.dropped = 0  # ticks that the server was too slow for
+        self.ended = False
+        self._end = end
+
+    def post(self, driven: DrivenFrame) -> None:
+        try:
+            self._end.send(pack_tick(driven))
+        except BlockingIOError:
+            self.dropped += 1
+        except OSError:
+            self.ended = True
+
+    def read(self) -> None:
+        """Take in what the server has sent: page, first sample, arrival in ns, samples [n]."""
+        while not self.ended:
+            try:
+                packet = self._end.recv(MAX_PACKET)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if packet[:1] == SOUND:
+                _, page, first, arrival_ns = SOUND_HEAD.unpack_from(packet)
+                samples = np.frombuffer(packet, "<f4", offset=SOUND_HEAD.size)
+                self.sounds.append((page, first, arrival_ns, samples.astype(np.float32)))
+            elif packet[:1] == STATUS:
+                self.status |= json.loads(packet[1:])
+            else:
+                self.ended = True
+
+    def finish(self) -> None:
+        """Post no more: the server tells its last counts and ends."""
+        with contextlib.suppress(OSError):
+            self._end.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        self._end.close()

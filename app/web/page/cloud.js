@@ -1,0 +1,104 @@
+// A worker: receives the head, and sorts its Gaussians far to near for the view it is told.
+// The bytes are described in app/web/cloud.py.
+
+const BASE = 1;
+const BUCKETS = 1 << 16;
+const RETRY_MS = 1000;
+
+let base = null;   // Uint32Array [3 N], the head at rest
+let words = null;  // Uint32Array [3 N], the head now
+let count = 0;
+let frame = -1;
+let updates = 0;
+let direction = [0, 0, 1];  // growing from far to near, in units of the position's steps
+let onlyView = false;  // since the last order the view has changed, and no tick has come
+let scheduled = false;
+
+function readBase(view, buffer) {
+  count = view.getUint32(4, true);
+  const ranges = new Float32Array(buffer.slice(8, 32));
+  base = new Uint32Array(buffer.slice(32, 32 + 12 * count));
+  words = base.slice();
+  const colors = new Uint8Array(buffer.slice(32 + 12 * count, 32 + 16 * count));
+  postMessage({ kind: "base", count, ranges, colors }, [ranges.buffer, colors.buffer]);
+}
+
+function readTick(view, buffer) {
+  frame = Number(view.getBigInt64(8, true));
+  const bits = 32;  // where the bits start
+  const moved = new Uint32Array(buffer, bits + 4 * Math.ceil(count / 32));
+  const flags = new Uint32Array(buffer, bits, Math.ceil(count / 32));
+  words.set(base);
+  for (let block = 0, from = 0; block < flags.length; block++) {
+    for (let rest = flags[block]; rest !== 0; rest &= rest - 1) {
+      const at = 3 * (32 * block + 31 - Math.clz32(rest & -rest));
+      words[at] = moved[from++];
+      words[at + 1] = moved[from++];
+      words[at + 2] = moved[from++];
+    }
+  }
+  updates++;
+}
+
+// Counting sort by depth in 65536 steps over the head's own depth: 5 micrometres each.
+function order() {
+  const depths = new Float32Array(count);
+  const [a, b, c] = direction;
+  let low = Infinity, high = -Infinity;
+  for (let i = 0; i < count; i++) {
+    const one = words[3 * i], two = words[3 * i + 1];
+    const depth = a * (one & 16383) + b * (one >>> 14 & 16383) + c * (two & 16383);
+    depths[i] = depth;
+    if (depth < low) low = depth;
+    if (depth > high) high = depth;
+  }
+  const scale = (BUCKETS - 1) / Math.max(high - low, 1e-6);
+  const keys = new Uint16Array(count);
+  const starts = new Uint32Array(BUCKETS + 1);
+  for (let i = 0; i < count; i++) {
+    keys[i] = (depths[i] - low) * scale;
+    starts[keys[i] + 1]++;
+  }
+  for (let k = 0; k < BUCKETS; k++) starts[k + 1] += starts[k];
+  const sorted = new Uint32Array(count);
+  for (let i = 0; i < count; i++) sorted[starts[keys[i]]++] = i;
+  return sorted;
+}
+
+// Ticks that came while the worker was busy are skipped: only the newest is sorted and shown.
+function schedule() {
+  if (scheduled || !words) return;
+  scheduled = true;
+  setTimeout(() => {
+    scheduled = false;
+    const sorted = order(), copy = onlyView ? null : words.slice();
+    const send = [sorted.buffer];
+    if (copy) send.push(copy.buffer);
+    postMessage({ kind: "sorted", frame, updates, sorted, words: copy }, send);
+    onlyView = false;
+  });
+}
+
+function connect(address) {
+  const socket = new WebSocket(address);
+  socket.binaryType = "arraybuffer";
+  socket.onopen = () => postMessage({ kind: "state", text: "" });
+  socket.onmessage = ({ data }) => {
+    const view = new DataView(data);
+    if (view.getUint8(0) === BASE) readBase(view, data);
+    else if (base) readTick(view, data);
+    onlyView = false;
+    schedule();
+  };
+  socket.onclose = () => {
+    postMessage({ kind: "state", text: "waiting for livedrive" });
+    setTimeout(() => connect(address), RETRY_MS);
+  };
+}
+
+onmessage = ({ data }) => {
+  if (data.address) return connect(data.address);
+  direction = data.direction;
+  if (!scheduled) onlyView = true;
+  schedule();
+};

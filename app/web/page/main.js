@@ -1,0 +1,136 @@
+// The page: shows the live head, flat in any browser and in stereo in a headset.
+//   cloud.js (worker) -> Splats -> canvas or headset        Microphone -> server
+// `?bare` hides the controls, for use as a browser source in other programs.
+
+import { Orbit, place, multiply } from "./camera.js";
+import { Headset } from "./xr.js";
+import { Microphone } from "./microphone.js";
+import { Splats } from "./splats.js";
+
+const get = (id) => document.getElementById(id);
+const canvas = get("view");
+const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false });
+if (!gl) throw Error((get("state").textContent = "This browser has no WebGL2."));
+const splats = new Splats(gl);
+const orbit = new Orbit();
+const worker = new Worker("cloud.js");
+const sockets = location.href.replace(/^http/, "ws").replace(/[?#].*/, "").replace(/[^/]*$/, "");
+const stats = { frame: -1, updates: 0, draws: 0 };  // for people with a console, and for tests
+globalThis.livedrive = stats;
+let mirror = false;
+let stale = true;       // the canvas must be drawn anew
+let asked = [0, 0, 0];  // direction of the last order
+document.body.classList.toggle("bare", new URLSearchParams(location.search).has("bare"));
+
+// The order is asked for again when the head is seen from a new side.
+function aim(modelView) {
+  const wanted = [modelView[2], modelView[6], modelView[10]];
+  const length = Math.hypot(...wanted) || 1;
+  const direction = wanted.map((v) => v / length);
+  if (Math.hypot(...direction.map((v, k) => v - asked[k])) < 0.002) return;
+  asked = direction;
+  worker.postMessage({ direction });
+}
+
+function drawFlat() {
+  requestAnimationFrame(drawFlat);
+  if (headset.session) return;
+  const { clientWidth, clientHeight } = canvas;
+  const width = Math.round(clientWidth * devicePixelRatio);
+  const height = Math.round(clientHeight * devicePixelRatio);
+  if (canvas.width !== width || canvas.height !== height) {
+    Object.assign(canvas, { width, height });
+    stale = true;
+  }
+  if (!stale) return;
+  stale = false;
+  const modelView = multiply(orbit.view(), place([0, 0, 0], 0, mirror ? -1 : 1, 1));
+  aim(modelView);
+  gl.bindFramebuffer(gl.FRAMEBUFFER, null);
+  gl.viewport(0, 0, width, height);
+  gl.clearColor(0.16, 0.16, 0.16, 1);
+  gl.clear(gl.COLOR_BUFFER_BIT);
+  draw(modelView, orbit.projection(width, height), width, height);
+}
+
+function draw(modelView, projection, width, height) {
+  splats.draw(modelView, projection, width, height);
+  stats.draws++;
+}
+
+const headset = new Headset(gl, {
+  draw, aim, isMirror: () => mirror,
+  ended: () => {
+    stale = true;
+    get("vr").textContent = "Enter VR";
+  },
+});
+
+worker.onmessage = ({ data }) => {
+  if (data.kind === "state") return say(data.text);
+  if (data.kind === "base") return splats.setBase(data);
+  splats.set(data.words, data.sorted);
+  stats.frame = data.frame;
+  stats.updates = data.updates;
+  stale = true;
+};
+worker.postMessage({ address: `${sockets}head` });
+
+const microphone = new Microphone(`${sockets}microphone`, (problem) => {
+  get("microphone").setAttribute("aria-pressed", microphone.on);
+  get("microphone").textContent = microphone.on ? "Microphone on" : "Use this microphone";
+  if (problem) say(problem);
+});
+stats.microphone = microphone;
+
+let told = "", since = performance.now(), seen = 0;
+function say(text) {
+  told = text;
+  get("state").textContent = text;
+}
+setInterval(() => {
+  const now = performance.now(), rate = (stats.updates - seen) * 1000 / (now - since);
+  [since, seen] = [now, stats.updates];
+  if (!told) get("state").textContent = `frame ${stats.frame}, ${rate.toFixed(0)} a second`;
+}, 1000);
+
+get("vr").onclick = async () => {
+  try {
+    if (headset.session) return await headset.leave();
+    await headset.enter();
+    get("vr").textContent = "Leave VR";
+  } catch (error) {
+    say(`VR: ${error.message}`);
+  }
+};
+get("mode").onclick = () => {
+  mirror = !mirror;
+  asked = [0, 0, 0];
+  stale = true;
+  get("mode").setAttribute("aria-pressed", mirror);
+};
+get("microphone").onclick = async () => {
+  try {
+    await (microphone.on ? microphone.stop() : microphone.start());
+  } catch (error) {
+    say(`microphone: ${error.message}`);
+  }
+};
+get("full").onclick = () =>
+  document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
+canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
+canvas.onpointermove = (event) => {
+  if (!canvas.hasPointerCapture(event.pointerId)) return;
+  orbit.turn((mirror ? -1 : 1) * event.movementX, event.movementY);
+  stale = true;
+};
+canvas.onwheel = (event) => {
+  event.preventDefault();
+  orbit.scale(Math.exp(-0.001 * event.deltaY));
+  stale = true;
+};
+
+get("vr").hidden = !(await Headset.supported());
+const offers = await (await fetch("offers")).json();
+get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
+drawFlat();

@@ -1,0 +1,188 @@
+// Draws the Gaussians with WebGL2: one instanced quad each, back to front, as render/splat_quads.py
+// does. The projection is that of render/reference.py; all its constants are the same.
+
+const WIDTH = 1024;  // texels in a row of the textures
+
+const VERTEX = `#version 300 es
+precision highp float;
+precision highp int;
+precision highp usampler2D;
+uniform usampler2D words;
+uniform sampler2D colors;
+uniform mat4 modelView;   // millimetres to camera space, y up, looking along -z
+uniform mat4 projection;
+uniform vec2 size;        // px
+uniform vec3 low;         // mm
+uniform vec3 steps;       // mm of a position step, log2 scale of level 0, log2 scale of a level
+in uint index;
+out vec2 uv;
+flat out vec4 color;
+
+const float LOW_PASS = 0.3;
+const float MAX_ALPHA = 0.999;
+const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
+const float HALF_LOG2_E = 0.72134752;
+
+mat3 rotation(vec3 turn) {
+  float square = dot(turn, turn);
+  vec3 v = 2.0 * turn / (1.0 + square);
+  float w = (1.0 - square) / (1.0 + square), x = v.x, y = v.y, z = v.z;
+  return mat3(
+    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
+    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
+    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
+}
+
+void main() {
+  ivec2 at = ivec2(int(index) % ${WIDTH}, int(index) / ${WIDTH});
+  uvec3 word = texelFetch(words, at, 0).xyz;
+  vec4 static_color = texelFetch(colors, at, 0);
+  vec3 mean = low + steps.x * vec3(word.x & 16383u, word.x >> 14 & 16383u, word.y & 16383u);
+  vec3 levels = vec3(
+    word.y >> 14 & 1023u, word.y >> 24 | (word.z >> 24 & 3u) << 8, word.x >> 28 | word.z >> 26 << 4);
+  vec3 scale = exp2(steps.y + steps.z * vec3(word.z & 255u, word.z >> 8 & 255u, word.z >> 16 & 255u));
+
+  vec4 point = modelView * vec4(mean, 1.0);
+  gl_Position = vec4(0.0, 0.0, 2.0, 1.0);  // outside: nothing is drawn
+  vec4 clip = projection * point;
+  if (clip.w <= 0.0 || clip.z < -clip.w) return;
+  float inverse = 1.0 / -point.z;
+  vec2 focal = 0.5 * size * vec2(projection[0][0], projection[1][1]);
+  vec2 off = vec2(projection[2][0], projection[2][1]);  // of the picture's centre, in half pictures
+  vec2 reach = vec2(projection[0][0], projection[1][1]);
+  vec2 slope = clamp(point.xy * inverse, (off - 1.3) / reach, (off + 1.3) / reach);
+
+  mat3 axes = mat3(modelView) * rotation(levels * (2.0 / 1023.0) - 1.0);
+  axes = mat3(axes[0] * scale.x, axes[1] * scale.y, axes[2] * scale.z);
+  vec3 row_x = focal.x * inverse * vec3(1.0, 0.0, slope.x) * axes;
+  vec3 row_y = focal.y * inverse * vec3(0.0, 1.0, slope.y) * axes;
+  float xx = dot(row_x, row_x) + LOW_PASS;
+  float yy = dot(row_y, row_y) + LOW_PASS;
+  float k = dot(row_x, row_y) / yy;
+  // alpha = exp2(log2_opacity - u^2 - v^2) with u = p dx + q dy, v = r dy
+  float p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1e-6));
+  float r = sqrt(HALF_LOG2_E / yy);
+  float log2_opacity = log2(clamp(static_color.a, 1e-6, MAX_ALPHA));
+  if (log2_opacity < -FAINTEST) return;
+
+  float radius = sqrt(log2_opacity + FAINTEST);
+  uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
+  float dy = uv.y / r;
+  float dx = uv.x / p + k * dy;
+  color = vec4(static_color.rgb, log2_opacity);
+  gl_Position = vec4(clip.xy / clip.w + 2.0 * vec2(dx, dy) / size, 0.0, 1.0);
+}`;
+
+const FRAGMENT = `#version 300 es
+precision highp float;
+in vec2 uv;
+flat in vec4 color;
+out vec4 premultiplied;
+void main() {
+  float power = color.a - dot(uv, uv);
+  if (power < -6.0) discard;
+  float alpha = exp2(power);
+  premultiplied = vec4(color.rgb * alpha, alpha);
+}`;
+
+export class Splats {
+  constructor(gl) {
+    this.gl = gl;
+    this.count = 0;
+    this.program = link(gl);
+    this.places = Object.fromEntries(
+      ["words", "colors", "modelView", "projection", "size", "low", "steps"]
+        .map((name) => [name, gl.getUniformLocation(this.program, name)]));
+    this.words = texture(gl);
+    this.colors = texture(gl);
+    this.order = gl.createBuffer();
+    this.quads = gl.createVertexArray();
+    gl.bindVertexArray(this.quads);
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
+    const index = gl.getAttribLocation(this.program, "index");
+    gl.enableVertexAttribArray(index);
+    gl.vertexAttribIPointer(index, 1, gl.UNSIGNED_INT, 0, 0);
+    gl.vertexAttribDivisor(index, 1);
+    gl.bindVertexArray(null);
+  }
+
+  // What all ticks share: ranges [6] and colours [4 N].
+  setBase({ count, ranges, colors }) {
+    this.ranges = ranges;
+    this.rows = Math.ceil(count / WIDTH);
+    this.count = 0;  // nothing is drawn until the first order has come
+    const gl = this.gl;
+    gl.bindTexture(gl.TEXTURE_2D, this.colors);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, WIDTH, this.rows, 0, gl.RGBA, gl.UNSIGNED_BYTE,
+      padded(colors, Uint8Array, 4 * WIDTH * this.rows));
+    gl.bindTexture(gl.TEXTURE_2D, this.words);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB32UI, WIDTH, this.rows, 0, gl.RGB_INTEGER,
+      gl.UNSIGNED_INT, null);
+  }
+
+  // The Gaussians of a tick [3 N], or null when only the order has changed, and their order [N].
+  set(words, order) {
+    const gl = this.gl;
+    if (words) {
+      gl.bindTexture(gl.TEXTURE_2D, this.words);
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RGB_INTEGER, gl.UNSIGNED_INT,
+        padded(words, Uint32Array, 3 * WIDTH * this.rows));
+    }
+    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
+    gl.bufferData(gl.ARRAY_BUFFER, order, gl.STREAM_DRAW);
+    this.count = order.length;
+  }
+
+  // Into the bound framebuffer's viewport of `width` x `height` px; matrices are column-major.
+  draw(modelView, projection, width, height) {
+    if (!this.count) return;
+    const { gl, places, ranges } = this;
+    gl.useProgram(this.program);
+    gl.enable(gl.BLEND);
+    gl.disable(gl.DEPTH_TEST);
+    gl.disable(gl.CULL_FACE);
+    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    gl.activeTexture(gl.TEXTURE1);
+    gl.bindTexture(gl.TEXTURE_2D, this.colors);
+    gl.activeTexture(gl.TEXTURE0);
+    gl.bindTexture(gl.TEXTURE_2D, this.words);
+    gl.uniform1i(places.words, 0);
+    gl.uniform1i(places.colors, 1);
+    gl.uniformMatrix4fv(places.modelView, false, modelView);
+    gl.uniformMatrix4fv(places.projection, false, projection);
+    gl.uniform2f(places.size, width, height);
+    gl.uniform3f(places.low, ranges[0], ranges[1], ranges[2]);
+    gl.uniform3f(places.steps, ranges[3], ranges[4], ranges[5]);
+    gl.bindVertexArray(this.quads);
+    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.bindVertexArray(null);
+  }
+}
+
+function link(gl) {
+  const program = gl.createProgram();
+  for (const [kind, source] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
+    const shader = gl.createShader(kind);
+    gl.shaderSource(shader, source);
+    gl.compileShader(shader);
+    if (!gl.getShaderParameter(shader, gl.COMPILE_STATUS)) throw Error(gl.getShaderInfoLog(shader));
+    gl.attachShader(program, shader);
+  }
+  gl.linkProgram(program);
+  if (!gl.getProgramParameter(program, gl.LINK_STATUS)) throw Error(gl.getProgramInfoLog(program));
+  return program;
+}
+
+function texture(gl) {
+  const made = gl.createTexture();
+  gl.bindTexture(gl.TEXTURE_2D, made);
+  for (const name of [gl.TEXTURE_MIN_FILTER, gl.TEXTURE_MAG_FILTER])
+    gl.texParameteri(gl.TEXTURE_2D, name, gl.NEAREST);
+  return made;
+}
+
+function padded(data, Kind, length) {
+  const out = new Kind(length);
+  out.set(data);
+  return out;
+}

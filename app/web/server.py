@@ -1,0 +1,198 @@
+"""The web server's process: one page, its stream of Gaussians, JSON, and the page's microphone.
+
+socket -> newest tick -> Head -> Hub -> WebSocket /head (Gaussians), /json (names)
+WebSocket /microphone -> socket
+"""
+
+import asyncio
+import json
+import mimetypes
+import secrets
+import socket
+import ssl
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import psutil
+from aiohttp import hdrs, web
+
+from app.web import certificate
+from app.web.guard import Doorman, check
+from app.web.head import Head
+from app.web.hub import Hub
+from app.web.info import ServerInfo, is_loopback
+from app.web.link import MAX_PACKET, STATUS, unpack_tick
+from app.web.voice import Voice
+from encoder.driver import DrivenFrame
+
+PAGE = Path(__file__).parent / "page"
+SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
+JSON_DEPTH = 8  # ticks that may wait for a program; for a page only the newest does
+STATUS_S = 0.5
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; connect-src 'self' {sockets}",
+    "Permissions-Policy": "microphone=(self), xr-spatial-tracking=(self)",
+    "Cache-Control": "no-store",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+}
+
+
+class WebServer:
+    """Runs until the loop's end of the socket closes."""
+
+    def __init__(self, info: ServerInfo, end: socket.socket) -> None:
+        self._info, self._end = info, end
+        self._listener = self._listen()
+        self._head = Head(info)
+        self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
+        self._voice = Voice(end)
+        self._newest: DrivenFrame | None = None
+        self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
+        self._assets = {p.name: p.read_bytes() for p in PAGE.iterdir() if p.is_file()}
+        self._ticks = 0
+
+    async def run(self) -> None:
+        loop = asyncio.get_running_loop()
+        token = None if self._info.is_local else secrets.token_urlsafe(16)
+        app = web.Application(middlewares=[check(token)], client_max_size=1024)
+        self._routes(app)
+        runner = web.AppRunner(app, access_log=None, handle_signals=False)
+        await runner.setup()
+        assert runner.server is not None
+        self._door = Doorman(runner.server, loop)
+        tls = None if self._info.is_local else self._tls()
+        server = await loop.create_server(
+            self._door,
+            sock=self._listener,
+            ssl=tls,
+            ssl_handshake_timeout=5 if tls else None,
+            backlog=32,
+        )
+        ended = loop.create_future()
+        loop.add_reader(self._end, self._read, ended)
+        self._tell(addresses=self._addresses(self._listener.getsockname()[1], token))
+        while not ended.done():
+            await asyncio.wait([ended], timeout=STATUS_S)
+            self._tell(**self.counts())  # also once at the end
+        loop.remove_reader(self._end)
+        server.close()
+        await runner.cleanup()
+
+    def counts(self) -> dict[str, Any]:
+        return {
+            "ticks": self._ticks,
+            "pages": len(self._clouds),
+            "programs": len(self._names),
+            "sent": self._clouds.sent + self._names.sent,
+            "skipped": self._clouds.dropped + self._names.dropped,
+            "refused": self._door.refused,
+            "microphone": self._voice.counts(),
+        }
+
+    def _routes(self, app: web.Application) -> None:
+        if self._info.page:
+            app.router.add_get("/", self._asset)
+            app.router.add_get("/head", self._serve_clouds)
+            app.router.add_get("/json", self._serve_names)
+            app.router.add_get("/offers", self._offers)
+            if self._info.microphone:
+                app.router.add_get("/microphone", self._serve_voice)
+            app.router.add_get("/{name}", self._asset)
+        else:
+            app.router.add_get("/", self._serve_names)
+
+    def _listen(self) -> socket.socket:
+        family = socket.AF_INET6 if ":" in self._info.host else socket.AF_INET
+        listener = socket.socket(family, socket.SOCK_STREAM)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
+        listener.bind((self._info.host.strip("[]"), self._info.port))
+        return listener
+
+    def _tls(self) -> ssl.SSLContext:
+        hosts = [*self._hosts(), "localhost", "127.0.0.1", socket.gethostname()]
+        paths = certificate.ensure(certificate.folder(), hosts, datetime.now(UTC).timestamp())
+        context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
+        context.load_cert_chain(*paths)
+        return context
+
+    def _hosts(self) -> list[str]:
+        """What a headset can type to reach this machine."""
+        if self._info.host not in ("0.0.0.0", "::"):
+            return [self._info.host]
+        known = [entry for net in psutil.net_if_addrs().values() for entry in net]
+        found = [entry.address for entry in known if entry.family == socket.AF_INET]
+        return [address for address in found if not is_loopback(address)] or ["127.0.0.1"]
+
+    def _addresses(self, port: int, token: str | None) -> list[str]:
+        scheme = ("http" if self._info.page else "ws") + ("s" if token else "")
+        hosts = [self._info.host] if token is None else self._hosts()
+        query = f"?token={token}" if token else ""
+        return [f"{scheme}://{host}:{port}/{query}" for host in hosts]
+
+    def _read(self, ended: asyncio.Future[None]) -> None:
+        """Take every waiting tick; all go to programs, only the newest to pages."""
+        while True:
+            try:
+                packet = self._end.recv(MAX_PACKET)
+            except BlockingIOError:
+                break
+            except OSError:
+                packet = b""
+            if not packet:
+                if not ended.done():
+                    ended.set_result(None)
+                return
+            self._newest = unpack_tick(packet)
+            self._ticks += 1
+            if self._names:
+                self._names.post(self._head.names(self._newest))
+        if self._clouds and self._newest:
+            self._clouds.post(self._newest_cloud(self._newest))
+
+    def _newest_cloud(self, newest: DrivenFrame) -> bytes:
+        if self._cloud[0] != newest.index:
+            self._cloud = (newest.index, self._head.cloud(newest))
+        return self._cloud[1]
+
+    async def _asset(self, request: web.Request) -> web.Response:
+        name = request.match_info.get("name", "index.html")
+        if name not in self._assets:
+            raise web.HTTPNotFound
+        sockets = f"ws://{request.host} wss://{request.host}"
+        headers = {k: v.replace("{sockets}", sockets) for k, v in HEADERS.items()}
+        kind = mimetypes.guess_type(name)[0] or "application/octet-stream"
+        return web.Response(
+            body=self._assets[name], headers=headers | {hdrs.CONTENT_TYPE: f"{kind}; charset=utf-8"}
+        )
+
+    async def _offers(self, _: web.Request) -> web.Response:
+        return web.json_response({"microphone": self._info.microphone})
+
+    async def _serve_clouds(self, request: web.Request) -> web.StreamResponse:
+        first = [self._head.base]
+        if self._newest:
+            first.append(self._newest_cloud(self._newest))
+        return await self._stay(request, self._clouds.serve(request, first))
+
+    async def _serve_names(self, request: web.Request) -> web.StreamResponse:
+        first = [self._head.names(self._newest)] if self._newest else []
+        return await self._stay(request, self._names.serve(request, first))
+
+    async def _serve_voice(self, request: web.Request) -> web.StreamResponse:
+        return await self._stay(request, self._voice.serve(request))
+
+    async def _stay(self, request: web.Request, serving: Any) -> web.StreamResponse:
+        self._door.settle(request)
+        try:
+            return await serving
+        finally:
+            self._door.leave(request)
+
+    def _tell(self, **status: Any) -> None:
+        try:
+            self._end.send(STATUS + json.dumps(status).encode())
+        except OSError:
+            return  # the loop is busy or gone; the next status says it all
