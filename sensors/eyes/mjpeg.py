@@ -8,7 +8,7 @@ import socket
 from urllib.parse import urlsplit
 
 from sensors.eyes.multipart import HttpBody, Multipart, Part
-from sensors.eyes.picture import BadPictureError, CameraLostError, Shot, decode_jpeg
+from sensors.eyes.picture import BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.types import NS, Clock
 
 CONNECT_S = 1.0
@@ -20,7 +20,7 @@ class MjpegLink:
 
     def __init__(self, url: str, clock: Clock) -> None:
         parts = urlsplit(url)
-        self._clock = clock
+        self._clock, self._decode = clock, JpegDecoder()
         host, port = parts.hostname or "", parts.port or 80
         path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
         self._body, self._multipart = HttpBody(), None
@@ -42,7 +42,7 @@ class MjpegLink:
             parts = self._parts(data)
             if parts:
                 arrival_ns, newest = self._clock.now_ns(), parts[-1]
-                image = decode_jpeg(newest.data)
+                image = self._decode(newest.data)
                 return Shot(image, arrival_ns, newest.device_ns, len(parts) - 1)
             if self._multipart is not None and self._multipart.garbage_bytes > RECEIVE_BYTES:
                 self._multipart.garbage_bytes = 0

@@ -6,13 +6,12 @@ bytes between pictures are left out.
 
 from typing import Any
 
-from sensors.eyes.picture import BadPictureError, CameraLostError, Shot, decode_jpeg
+from sensors.eyes.picture import JPEG_START, BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.types import NS, Clock, InputError
 
 BAUD = 3_000_000
 MARK = b"\xff\xa0\xff\xa1"
 HEAD_BYTES = len(MARK) + 2
-JPEG_START = b"\xff\xd8"
 MAX_GARBAGE = 1 << 17  # bytes without a picture; a quiet line is no reason to count damage
 
 
@@ -65,7 +64,7 @@ class SerialLink:
     def __init__(self, port: str, clock: Clock) -> None:
         import serial
 
-        self._clock, self._framing = clock, Framing()
+        self._clock, self._framing, self._decode = clock, Framing(), JpegDecoder()
         self._lost: tuple[type[Exception], ...] = (serial.SerialException, OSError, TypeError)
         try:
             self._port: Any = serial.Serial(port, BAUD, timeout=0.05, exclusive=True)
@@ -84,7 +83,7 @@ class SerialLink:
             pictures = self._framing.feed(data)
             if pictures:
                 arrival_ns = self._clock.now_ns()
-                return Shot(decode_jpeg(pictures[-1]), arrival_ns, None, len(pictures) - 1)
+                return Shot(self._decode(pictures[-1]), arrival_ns, None, len(pictures) - 1)
             if self._framing.garbage_bytes > MAX_GARBAGE:
                 self._framing.garbage_bytes = 0
                 raise BadPictureError("bytes that are no pictures")

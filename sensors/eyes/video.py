@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.eye_video import gray, open_video
-from sensors.eyes.picture import BadPictureError, CameraLostError, Shot, decode_jpeg
+from sensors.eyes.picture import BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.recording import Recording
 from sensors.types import FPS, NS, Clock
 
@@ -27,7 +27,7 @@ class DriverLink:
         import av
         from av import error as av_error
 
-        self._clock = clock
+        self._clock, self._decode = clock, JpegDecoder()
         try:
             self._container: Any = av.open(device, format=container_format)
         except (av_error.FFmpegError, ValueError, OSError) as error:
@@ -43,7 +43,7 @@ class DriverLink:
             packet = next(self._packets)
             arrival_ns = self._clock.now_ns()
             if self._jpeg:
-                return Shot(decode_jpeg(bytes(packet)), arrival_ns)
+                return Shot(self._decode(bytes(packet)), arrival_ns)
             frames = packet.decode()
         except av_error.InvalidDataError as error:
             raise BadPictureError(str(error)) from None

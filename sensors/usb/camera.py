@@ -5,13 +5,13 @@ and no isochronous transfers: a camera that is gone is looked for again by EyeCa
 """
 
 import errno
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.eyes.picture import BadPictureError, CameraLostError, Shot, decode_jpeg
+from sensors.eyes.picture import BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.types import NS, Clock, InputError
 from sensors.usb.descriptors import CameraDescription, DescriptorError, FrameSize, parse
 from sensors.usb.extension import (
@@ -72,7 +72,8 @@ class UsbLink:
             picture = self._payloads.feed(payload)
             if picture is not None:
                 arrival_ns = self._clock.now_ns()
-                return Shot(decode(picture, self._frame), arrival_ns, self._device_ns(picture))
+                image = self._decode(picture.data)
+                return Shot(image, arrival_ns, self._device_ns(picture))
             if self._payloads.damaged > damaged:
                 raise BadPictureError("a payload was damaged")
         return None
@@ -96,6 +97,7 @@ class UsbLink:
             self._vive.switch_on()
         self._frame = camera.best()
         agreed = self._negotiate(camera, self._frame)
+        self._decode = decoder(self._frame)
         self._endpoint = camera.endpoint
         self._max_payload = min(agreed.max_payload or MAX_PAYLOAD, MAX_PAYLOAD)
         size = 4 * self._frame.width * self._frame.height + 4096
@@ -137,15 +139,19 @@ def describe(device: Any) -> CameraDescription:
     return parse(bytes(control.get_descriptor(device, max(total, 9), CONFIGURATION, 0)))
 
 
-def decode(picture: Picture, frame: FrameSize) -> NDArray[np.uint8]:
-    """[H, W] brightness. Raises BadPictureError."""
+def decoder(frame: FrameSize) -> Callable[[bytes], NDArray[np.uint8]]:
+    """What turns a picture of that kind into [H, W] brightness; it raises BadPictureError."""
     if frame.kind == "mjpeg":
-        return decode_jpeg(picture.data)
+        return JpegDecoder()
     pixel_bytes = 2 if frame.kind == "yuy2" else 1
     expected = frame.width * frame.height * pixel_bytes
-    if len(picture.data) != expected:
-        raise BadPictureError(f"picture of {len(picture.data)} bytes, expected {expected}")
-    return np.frombuffer(picture.data, np.uint8)[::pixel_bytes].reshape(frame.height, frame.width)
+
+    def pixels(data: bytes) -> NDArray[np.uint8]:
+        if len(data) != expected:
+            raise BadPictureError(f"picture of {len(data)} bytes, expected {expected}")
+        return np.frombuffer(data, np.uint8)[::pixel_bytes].reshape(frame.height, frame.width)
+
+    return pixels
 
 
 def devices(backend: Any = None) -> Iterator[tuple[int, int, Any]]:

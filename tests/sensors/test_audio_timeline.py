@@ -1,0 +1,110 @@
+"""AudioTimeline: unbroken sound whatever the microphone does, never played twice."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from sensors.assemble import Assembler
+from sensors.audio_timeline import PATIENCE_NS, AudioTimeline
+from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME, AudioPacket
+
+BLOCK = 480
+BLOCK_NS = NS // 100
+START = 5 * NS
+
+
+def block(k: int, *, counter: int | None = None, t_ns: int | None = None) -> AudioPacket:
+    """Block k of the microphone: its samples are k + 1, all alike."""
+    first = k * BLOCK if counter is None else counter
+    time = START + k * BLOCK_NS if t_ns is None else t_ns
+    return AudioPacket(time, first, np.full(BLOCK, k + 1, np.float32))
+
+
+def check(sent: list[AudioPacket]) -> None:
+    for a, b in zip(sent, sent[1:], strict=False):
+        assert b.first_sample >= a.first_sample + len(a.samples)
+        assert b.t_ns > a.t_ns
+
+
+def test_without_a_microphone_the_clock_feeds_silence_marked_as_gap() -> None:
+    timeline, assembler, sent = AudioTimeline(START), Assembler(), []
+    for k in range(1, 101):
+        sent += timeline.fill(START + k * BLOCK_NS)
+    for packet in sent:
+        assembler.push(packet)
+    frames = assembler.ready()
+    check(sent)
+    assert len(frames) == 30
+    assert all(f.audio_gap and not f.audio.any() for f in frames)
+    times = [f.t_ns for f in frames]
+    assert times[-1] - times[0] == pytest.approx(29 * NS / 30, abs=100)
+
+
+def test_sound_passes_untouched_and_a_patient_silence_waits() -> None:
+    timeline, sent = AudioTimeline(START), []
+    for k in range(50):
+        sent += timeline.push(block(k))
+        sent += timeline.fill(START + k * BLOCK_NS + PATIENCE_NS)  # late, but not too late
+    assert [p.first_sample for p in sent] == [k * BLOCK for k in range(50)]
+    assert [float(p.samples[0]) for p in sent] == [k + 1 for k in range(50)]
+    assert not any(p.gap for p in sent)
+    assert timeline.silence == 0
+
+
+def test_a_lost_microphone_becomes_silence_and_comes_back_in_its_place() -> None:
+    timeline, sent = AudioTimeline(START), []
+    for k in range(20):
+        sent += timeline.push(block(k))
+    for k in range(20, 60):
+        sent += timeline.fill(START + k * BLOCK_NS)
+    late = block(57)  # recorded before the silence ended: that part is not played twice
+    sent += timeline.push(late)
+    for k in range(58, 80):
+        sent += timeline.push(block(k))
+    check(sent)
+    assembler = Assembler()
+    for packet in sent:
+        assembler.push(packet)
+    heard = np.concatenate([f.audio for f in assembler.ready()])
+    expected = np.repeat(np.arange(80) + 1, BLOCK).astype(np.float32)
+    expected[20 * BLOCK : 59 * BLOCK] = 0  # what came after the clock had gone on is lost
+    np.testing.assert_array_equal(heard[: 20 * BLOCK], expected[: 20 * BLOCK])
+    np.testing.assert_array_equal(heard[60 * BLOCK :], expected[60 * BLOCK : len(heard)])
+    assert not heard[20 * BLOCK : 56 * BLOCK].any()
+
+
+def test_a_microphone_that_starts_late_or_counts_on_is_placed_by_its_time() -> None:
+    timeline = AudioTimeline(START)
+    first = timeline.push(block(3, counter=77_000))
+    assert [p.first_sample for p in first] == [3 * BLOCK]
+    assert first[0].gap
+    lost = timeline.push(block(4, counter=77_000 + BLOCK + 4800))  # it says that 100 ms are lost
+    assert lost[0].first_sample == 4 * BLOCK + 4800
+
+
+def test_a_suspended_machine_costs_little_memory() -> None:
+    timeline = AudioTimeline(START)
+    sent = timeline.fill(START + 3600 * NS)
+    assert sum(len(p.samples) for p in sent) <= SAMPLE_RATE
+    assert timeline.position == 3600 * SAMPLE_RATE
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 30), st.booleans(), st.integers(0, 90)), min_size=1, max_size=60
+    )
+)
+def test_time_and_sample_count_never_part(steps: list[tuple[int, bool, int]]) -> None:
+    timeline, sent, k = AudioTimeline(START), [], 0
+    for advance, heard, late_ms in steps:
+        k += advance + 1
+        if heard:
+            sent += timeline.push(block(k))
+        sent += timeline.fill(START + k * BLOCK_NS + late_ms * 1_000_000)
+    check(sent)
+    for packet in sent:
+        counted_ns = packet.first_sample * NS // SAMPLE_RATE
+        assert abs(packet.t_ns - START - counted_ns) < 2 * PATIENCE_NS
+    assert timeline.position >= (k - 1) * BLOCK - SAMPLES_PER_FRAME * 6
