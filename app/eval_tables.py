@@ -1,0 +1,89 @@
+"""The tables and bars of `livedrive eval speech`, from figures named kind/setting/row/figure."""
+
+from typing import Any
+
+Figures = dict[str, float]
+COLUMNS = (
+    ("LVE", "lve_mm"), ("FDD", "fdd_mm"), ("lip sync", "lip_sync_mm"),
+    ("lip vel", "lip_velocity_mm"), ("LVE best", "lve_best_mm"),
+    ("sync best", "lip_sync_best_mm"), ("r", "opening_r"), ("shift", "opening_shift_frames"),
+    ("closures", "closure_recall"), ("energy dist", "energy_distance_mm"),
+    ("power", "syllable_power_ratio"), ("blinks/min", "blinks_per_minute"),
+)  # fmt: skip
+GT, SYNTHESISED, LIVE = "recorded gaze", "synthesised gaze", "live"
+
+
+def show(tables: dict[str, dict[str, dict[str, Figures]]]) -> None:
+    """One table for each kind of clip and setting."""
+    from rich.console import Console
+    from rich.table import Table
+
+    for kind, settings in tables.items():
+        for setting, rows in settings.items():
+            table = Table(title=f"{kind}, {setting}", title_justify="left")
+            table.add_column("row")
+            for title, _ in COLUMNS:
+                table.add_column(title, justify="right")
+            for row, figures in rows.items():
+                cells = [f"{figures[c]:.3f}" if c in figures else "-" for _, c in COLUMNS]
+                table.add_row(row, *cells)
+            Console(width=150).print(table)
+
+
+def make_bars(metrics: Figures) -> list[dict[str, Any]]:
+    """The issue's bars, for every figure that was measured."""
+    from app.bars import at_least, at_most
+
+    bars = [
+        at_most(name, metrics[name], 1.0) for name in metrics if name.endswith("_60s_movement_mm")
+    ]
+    if "lip_envelope_r_mean" in metrics:
+        bars.append(at_least("lip_envelope_r_mean", metrics["lip_envelope_r_mean"], 0.35))
+
+    def ratio(name: str, over: str, under: str, limit: float) -> None:
+        if over in metrics and under in metrics:
+            bars.append(at_most(name, metrics[over] / max(metrics[under], 1e-9), limit))
+
+    for kind in ("freeform", "sentence"):
+        for column in ("lip_sync", "lve"):
+            for baseline in ("mean face", "energy to jaw"):
+                under = f"{kind}/{GT}/{baseline}/{column}_mm"
+                name = f"{kind} {column} over {baseline}"
+                student = f"{kind}/{GT}/student/{column}"
+                ratio(name, f"{student}_mm", under, 0.9)
+                ratio(f"{name}, best", f"{student}_best_mm", under, 0.75)
+        energy = "energy_distance_mm"
+        ratio(
+            f"{kind} energy distance over regression",
+            f"{kind}/{GT}/student/{energy}", f"{kind}/{GT}/regression/{energy}", 0.6,
+        )  # fmt: skip
+        ratio(
+            f"{kind} live lip sync over teacher",
+            f"{kind}/{LIVE}/student/lip_sync_mm", f"{kind}/{GT}/teacher, 40 steps/lip_sync_mm", 1.1,
+        )  # fmt: skip
+        for rival in ("no outpainting", "non-causal encoder, no outpainting"):
+            velocity = "lip_velocity_mm"
+            ratio(
+                f"{kind} lip velocity over {rival}",
+                f"{kind}/{LIVE}/student/{velocity}", f"{kind}/{LIVE}/{rival}/{velocity}", 1.0,
+            )  # fmt: skip
+    for kind, limit in (("grid", 0.85), ("facegood", 0.85)):
+        row = f"{kind}/{GT}/student"
+        if f"{row}/opening_r" in metrics:
+            bars.append(at_least(f"{kind} opening r", metrics[f"{row}/opening_r"], limit))
+            fast = metrics[f"{row}/opening_fast_r"]
+            bars.append(at_least(f"{kind} opening r above 0.5 Hz", fast, 0.75))
+            ratio(
+                f"{kind} lip sync over mean face",
+                f"{row}/lip_sync_mm", f"{kind}/{GT}/mean face/lip_sync_mm", 0.75,
+            )  # fmt: skip
+    for kind in ("freeform", "sentence", "grid"):
+        row = f"{kind}/{GT}/student"
+        if f"{row}/closure_recall" in metrics:
+            bars.append(at_least(f"{kind} closure recall", metrics[f"{row}/closure_recall"], 0.5))
+        if f"{row}/false_closures" in metrics:
+            bars.append(at_most(f"{kind} false closures", metrics[f"{row}/false_closures"], 0.15))
+    ratio(
+        "lip sync of minute 10 over 1", "tenth_minute_lip_sync_mm", "first_minute_lip_sync_mm", 1.05
+    )
+    return bars

@@ -1,0 +1,41 @@
+"""The decoder as judging sees it: many codes at once -> lips and upper face of one avatar."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from encoder.judging import FaceMesh
+
+
+def face_mesh(avatar: str) -> "FaceMesh":
+    """Vertex sets `lips` and `upper_face` (DESIGN 4), head at rest, mm."""
+    from encoder.judging import FaceMesh
+    from encoder.metrics import LipMarks
+    from render import identity
+    from render.decoder import Decoder
+
+    decoder, who = Decoder.load(), identity.load(avatar)
+    lips, upper_face = decoder.regions["lips"], decoder.regions["upper_face"]
+    blinks = [decoder.rig_names.index(f"eyeBlink_{side}") for side in "LR"]
+
+    def moving(members: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+        rows = (members[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
+        dense = np.asarray(decoder.basis[rows].todense(), np.float32)
+        linear, rest = decoder.to_rig @ dense.T, who.geometry[members]
+
+        def vertices(codes: np.ndarray) -> np.ndarray:
+            return (codes @ linear).reshape(*codes.shape[:-1], -1, 3) + rest
+
+        return vertices
+
+    def blink(codes: np.ndarray) -> np.ndarray:
+        return decoder.rig(codes)[..., blinks].mean(-1)
+
+    upper, lower = (
+        np.flatnonzero(np.isin(lips, decoder.regions[f"lips_{part}"]))
+        for part in ("upper", "lower")
+    )
+    marks = LipMarks.find(who.geometry[lips], upper, lower)
+    return FaceMesh(moving(lips), moving(upper_face), blink, marks)

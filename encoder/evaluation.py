@@ -1,0 +1,211 @@
+"""What the paper's tables are made of: test segments and the codes each row gives for them.
+
+Networks only; `app/eval_speech.py` turns codes into vertices and judges them. Segments have 100
+frames (the paper's), their audio features come from the whole clip, so that loudness has settled.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from encoder.audio_encoder import AudioEncoder
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, SEGMENT_FRAMES, Clip, iter_pack
+from encoder.denoiser import Denoiser
+from encoder.diffusion import Guidance, Schedule, sample_ddim
+from encoder.gaze import GazeSynth
+
+Floats = NDArray[np.float32]
+TEACHER_STEPS = 40
+BATCH = 16  # segments at once
+LONGEST_CLIP = 600  # frames of one clip that are used
+LEVELS = 3  # frames of loudness that the energy-to-jaw baseline hears
+Row = Callable[[int], Floats]  # seed of a sample -> codes [S, 100, 256]
+
+
+@dataclass(frozen=True, eq=False)
+class Segment:
+    """100 frames of a test clip."""
+
+    clip: Clip
+    frames: slice
+
+    @property
+    def audio(self) -> Floats:  # [80 000] at 24 kHz, -1..1
+        start, stop = (PACK_SAMPLES_PER_FRAME * i for i in (self.frames.start, self.frames.stop))
+        return np.asarray(self.clip.audio[start:stop]).astype(np.float32) / np.float32(32768)
+
+    @property
+    def rig(self) -> Floats:  # [100, 53]
+        return self.clip.rig[self.frames].astype(np.float32)
+
+    @property
+    def gaze(self) -> Floats:  # [100, 6]
+        return self.clip.gaze[self.frames].astype(np.float32).reshape(-1, 6)
+
+    @property
+    def phones(self) -> NDArray[np.int64]:
+        return self.clip.phones[self.frames].astype(np.int64)
+
+
+def held_out_segments(pack: Path, count: int, seed: int = 0) -> dict[str, list[Segment]]:
+    """Up to `count` random segments of each kind of test clip: freeform, sentence, grid, ..."""
+    kinds: dict[str, list[Segment]] = {}
+    for clip in iter_pack(pack, "test"):
+        if clip.truth in ("rules", "tracked"):
+            segments = (Segment(clip, s) for s in clip.segments() if s.stop <= LONGEST_CLIP)
+            kinds.setdefault(clip.kind or clip.truth, []).extend(segments)
+    rng = np.random.default_rng(seed)
+    return {
+        kind: [found[i] for i in sorted(rng.permutation(len(found))[:count])]
+        for kind, found in sorted(kinds.items())
+        if found
+    }
+
+
+@torch.no_grad()
+def features(
+    segments: Sequence[Segment], encode: Callable[[Tensor], Tensor]
+) -> Tensor:  # [S, 100, A]
+    """`encode`: sound [800 T] of a clip up to the segment's end -> features [T, A]."""
+    rows = []
+    for segment in segments:
+        sound = segment.clip.audio[: segment.frames.stop * PACK_SAMPLES_PER_FRAME]
+        encoded = encode(torch.tensor(np.asarray(sound, np.float32) / 32768))
+        rows.append(encoded[segment.frames])
+    return torch.stack(rows)
+
+
+def whole(encoder: AudioEncoder) -> Callable[[Tensor], Tensor]:
+    """For `features`: the encoder run over the clip in one piece."""
+    return lambda sound: (
+        encoder(sound[None, :, None])[0]
+        .unflatten(0, (-1, PACK_SAMPLES_PER_FRAME // encoder.config.stride))
+        .flatten(1)
+    )
+
+
+def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, 100, 6]
+    return torch.tensor(np.stack([segment.gaze for segment in segments]))
+
+
+def synthesised_gaze(count: int, seed: int) -> Tensor:  # [S, 100, 6]
+    """What the live path looks at, anew for each segment."""
+    rows = []
+    for index in range(count):
+        synth = GazeSynth(1000 * seed + index)
+        state, row = synth.init_state(), []
+        for _ in range(SEGMENT_FRAMES):
+            gaze, state = synth.step(state)
+            row.append(gaze.reshape(-1))
+        rows.append(np.stack(row))
+    return torch.tensor(np.stack(rows))
+
+
+def noise(shape: Sequence[int], seed: int) -> Tensor:
+    return torch.tensor(np.random.default_rng(seed).standard_normal(shape, dtype=np.float32))
+
+
+def _codes(model: Denoiser, x0: Tensor) -> Floats:
+    return model.unstandardise(x0).numpy()
+
+
+@torch.no_grad()
+def teacher_row(model: Denoiser, audio: Tensor, gaze: Tensor, guidance: Guidance) -> Row:
+    """40 DDIM steps, guided as the student was taught."""
+    schedule = Schedule(model.config.num_steps)
+    parts = list(zip(audio.split(BATCH), gaze.split(BATCH), strict=True))
+
+    @torch.no_grad()
+    def row(seed: int) -> Floats:
+        rows = []
+        for index, (a, g) in enumerate(parts):
+
+            def predict(x: Tensor, tau: Tensor, conditioned: bool, a=a, g=g) -> Tensor:
+                keep = None if conditioned else torch.zeros(len(x), dtype=torch.bool)
+                return model(x, tau, a, g, keep_audio=keep)
+
+            start = noise((*a.shape[:2], model.config.expression_dim), 1000 * seed + index)
+            x0 = sample_ddim(
+                predict, start.shape, torch.randn, schedule=schedule, steps=TEACHER_STEPS,
+                guidance=guidance, start=start,
+            )  # fmt: skip
+            rows.append(_codes(model, x0))
+        return np.concatenate(rows)
+
+    return row
+
+
+def student_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
+    """One step at tau = N over the whole segment; without gaze, a synthesised one."""
+
+    @torch.no_grad()
+    def row(seed: int) -> Floats:
+        shown = synthesised_gaze(len(audio), seed) if gaze is None else gaze
+        x = noise((*audio.shape[:2], model.config.expression_dim), seed)
+        tau = torch.full((len(x),), model.config.num_steps)
+        return _codes(model, model(x, tau, audio, shown))
+
+    return row
+
+
+def without_outpainting_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
+    """Frame by frame, with new noise for the whole past at every frame: nothing is kept."""
+
+    @torch.no_grad()
+    def row(seed: int) -> Floats:
+        shown = synthesised_gaze(len(audio), seed) if gaze is None else gaze
+        tau = torch.full((len(audio),), model.config.num_steps)
+        frames = []
+        for t in range(audio.shape[1]):
+            # chance moves the newest frame through its attention window; older reach is tiny
+            first = max(0, t - 2 * model.config.window)
+            past = slice(first, t + 1)
+            x = noise(
+                (len(audio), t + 1 - first, model.config.expression_dim), 10_000 * (seed + 1) + t
+            )
+            frames.append(model(x, tau, audio[:, past], shown[:, past])[:, -1])
+        return _codes(model, torch.stack(frames, 1))
+
+    return row
+
+
+def loudness(audio: Floats) -> Floats:  # [800 T] -> [T, LEVELS]
+    """Level of each frame and of the ones before it, in units of 20 dB."""
+    power = (audio.reshape(-1, PACK_SAMPLES_PER_FRAME) ** 2).mean(1)
+    level = (np.log10(power + 1e-7) / 2 + 2).astype(np.float32)
+    earlier = [np.concatenate([np.repeat(level[:1], k), level]) for k in range(LEVELS)]
+    return np.stack([row[: len(level)] for row in earlier], 1)
+
+
+def fit_energy_to_jaw(pack: Path, jaw: int, limit: int = 400) -> Floats:  # [2 * LEVELS + 1]
+    """Least squares of the jaw on loudness and its square, over training clips."""
+    rows, targets = [], []
+    for clip in iter_pack(pack, "train"):
+        if clip.truth not in ("rules", "tracked") or clip.num_frames < SEGMENT_FRAMES:
+            continue
+        segment = Segment(clip, slice(0, SEGMENT_FRAMES))
+        rows.append(_energy_inputs(segment.audio))
+        targets.append(segment.rig[:, jaw])
+        if len(rows) >= limit:
+            break
+    x, y = np.concatenate(rows), np.concatenate(targets)
+    fit = np.linalg.solve(x.T @ x + 1e-3 * np.eye(x.shape[1]), x.T @ y)
+    return np.asarray(fit, np.float32)
+
+
+def _energy_inputs(audio: Floats) -> Floats:
+    level = loudness(audio)
+    return np.concatenate([level, level**2, np.ones_like(level[:, :1])], 1)
+
+
+def energy_to_jaw_rig(segments: Sequence[Segment], fit: Floats, jaw: int) -> Floats:
+    """The causal baseline: only the jaw moves, with loudness. [S, 100, 53]"""
+    rig = np.stack([np.zeros_like(segment.rig) for segment in segments])
+    for index, segment in enumerate(segments):
+        rig[index, :, jaw] = np.clip(_energy_inputs(segment.audio) @ fit, 0, 1)
+    return rig
