@@ -12,8 +12,9 @@ from tyro.conf import Positional
 class Bench:
     """Measure latency, CPU time and memory against the bars of this project."""
 
-    what: Positional[Literal["tick", "render"]] = "tick"
-    """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals."""
+    what: Positional[Literal["tick", "render", "soak"]] = "tick"
+    """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals.
+    soak: thousands of pictures, to see that nothing leaks."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
@@ -26,12 +27,15 @@ class Bench:
     def run(self) -> None:
         from app.bars import finish
         from app.bench_render import measure_render
+        from app.bench_soak import measure_soak
         from app.bench_tick import measure_tick
 
         if self.what == "tick":
             report = measure_tick(self.session, self.avatar, self.size, self.device)
-        else:
+        elif self.what == "render":
             report = measure_render(self.avatar)
+        else:
+            report = measure_soak()
         if self.report:
             self.report.write_text(json.dumps(report, indent=2) + "\n")
         finish(report["bars"])
