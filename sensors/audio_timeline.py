@@ -10,16 +10,19 @@ import numpy as np
 from sensors.types import NS, SAMPLE_RATE, AudioPacket
 
 PATIENCE_NS = 100_000_000  # a microphone may be this late before silence takes over
+LAG_NS = 50_000_000  # silence stays so far behind the clock that a returning microphone finds room
 MAX_SILENCE = SAMPLE_RATE  # samples in one packet; longer gaps are a jump of the counter
 
 
 class AudioTimeline:
     """Renumbers microphone packets and fills what is missing."""
 
-    def __init__(self, start_ns: int) -> None:
+    def __init__(self, start_ns: int, lag_ns: int = LAG_NS) -> None:
+        """`lag_ns` 0 is for runs without a microphone, where nothing can come back."""
         self.position = 0  # next sample
         self.silence = 0  # samples fed in place of sound
         self._end_ns = start_ns  # time of the next sample
+        self._lag_ns = lag_ns
         self._offset: int | None = None  # from the microphone's counter; None: silence reigns
         self._last_t_ns = start_ns - 1
 
@@ -41,12 +44,12 @@ class AudioTimeline:
         return [sent]
 
     def fill(self, now_ns: int) -> list[AudioPacket]:
-        """Silence up to `now_ns` if the microphone has been silent for too long."""
+        """Silence up to `now_ns`, less the lag, if the microphone has been silent for too long."""
         missing_ns = now_ns - self._end_ns
         if self._offset is not None and missing_ns <= PATIENCE_NS:
             return []
         self._offset = None
-        missing = missing_ns * SAMPLE_RATE // NS
+        missing = (missing_ns - self._lag_ns) * SAMPLE_RATE // NS
         if missing <= 0:
             return []
         num = min(missing, MAX_SILENCE)

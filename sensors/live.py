@@ -8,7 +8,7 @@ marked as a gap. Nothing here waits: a lost sensor costs its own data and no fra
 from collections.abc import Sequence
 from typing import Protocol
 
-from sensors.audio_timeline import AudioTimeline
+from sensors.audio_timeline import LAG_NS, AudioTimeline
 from sensors.eyes.camera import EyeCamera
 from sensors.types import SAMPLE_RATE, AudioPacket, Clock, Packet, Source, SourceInfo
 
@@ -73,7 +73,7 @@ class LiveSource:
             self.microphone.open()
         for camera in self.cameras:
             camera.open()
-        self._timeline = AudioTimeline(self._clock.now_ns())
+        self._timeline = AudioTimeline(self._clock.now_ns(), LAG_NS if self.microphone else 0)
         self._is_open = True  # and a stop that came while everything was loaded stands
 
     def stop(self) -> None:

@@ -28,7 +28,7 @@ def check(sent: list[AudioPacket]) -> None:
 
 
 def test_without_a_microphone_the_clock_feeds_silence_marked_as_gap() -> None:
-    timeline, assembler, sent = AudioTimeline(START), Assembler(), []
+    timeline, assembler, sent = AudioTimeline(START, 0), Assembler(), []
     for k in range(1, 101):
         sent += timeline.fill(START + k * BLOCK_NS)
     for packet in sent:
@@ -84,7 +84,7 @@ def test_a_microphone_that_starts_late_or_counts_on_is_placed_by_its_time() -> N
 
 
 def test_a_suspended_machine_costs_little_memory() -> None:
-    timeline = AudioTimeline(START)
+    timeline = AudioTimeline(START, 0)
     sent = timeline.fill(START + 3600 * NS)
     assert sum(len(p.samples) for p in sent) <= SAMPLE_RATE
     assert timeline.position == 3600 * SAMPLE_RATE
