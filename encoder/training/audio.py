@@ -41,9 +41,10 @@ class AudioConfig:
     contrastive_weight: float = 0.2
     # share of the batch for each kind of truth
     shares: tuple[tuple[str, float], ...] = (
-        ("rules", 0.45),
+        ("rules", 0.4),
+        ("emotional", 0.1),  # the same rules, other voices of the same speakers
         ("tracked", 0.2),
-        ("envelope", 0.25),
+        ("envelope", 0.2),
         ("rest", 0.1),
     )
 

@@ -65,6 +65,13 @@ def _channel_weights() -> Tensor:
     return weights
 
 
+def _share(head: str, truth: str) -> float:
+    """How much a crop of this truth teaches a mouth head: its own one, a resting mouth all."""
+    if truth == "rest":
+        return 2.0
+    return float(head == {"emotional": "rules"}.get(truth, truth))
+
+
 def losses(
     outputs: dict[str, Tensor], crops: list[Crop], truths: list[str], filters: Tensor
 ) -> dict[str, Tensor]:
@@ -74,8 +81,7 @@ def losses(
     weights, jaw = _channel_weights().to(device), SPEECH_COLUMNS.index(JAW_OPEN)
     mouth = []
     for name in HEADS:
-        use = torch.tensor([1.0 if t == name else 2.0 if t == "rest" else 0.0 for t in truths])
-        use = use.to(device)
+        use = torch.tensor([_share(name, truth) for truth in truths], device=device)
         channel = torch.zeros_like(weights) if name == "envelope" else weights.clone()
         channel[jaw] = weights[jaw]
         error = (outputs[name] - rig).square() * channel * use[:, None, None]
