@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from app.controls import ControlPanel, hushed
+from app.controls import ControlPanel, Controls, hushed
 from app.sinks.sink import FrameResult, RunInfo, Sink
 from app.stages import Stages
 from encoder.driver import DrivenFrame, Driver
@@ -61,7 +61,7 @@ def drive(
 ) -> Summary:
     """Run until the source is exhausted, the panel is closed or Ctrl-C; sinks are closed anyway."""
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
-    muted, resets = False, 0
+    wishes = Controls(avatar="")  # as they were fulfilled
     opened: list[Sink] = []
     collecting = gc.isenabled()
     try:
@@ -79,18 +79,20 @@ def drive(
             if realtime:
                 clock.sleep_until_ns(wake_ns)
             if panel:
-                wanted = panel.read()
-                if wanted.closed:
+                now = panel.read()
+                if now.closed:
                     break
-                if wanted.resets > resets:
-                    state, resets = driver.init_state(seed), wanted.resets
-                if head and wanted.avatar != head.identity.name:
-                    head.identity = identity.load(wanted.avatar)
-                muted = wanted.muted
+                if now.resets > wishes.resets:
+                    state = driver.init_state(seed)
+                if now.recentred > wishes.recentred:
+                    state = driver.recentred(state)
+                if head and now.avatar != head.identity.name:
+                    head.identity = identity.load(now.avatar)
+                wishes = now
             with stages("tick"):
                 with stages("assemble"):
                     for packet in source.poll():
-                        heard = hushed(packet) if muted else packet
+                        heard = hushed(packet) if wishes.muted else packet
                         if record:
                             record(heard)
                         assembler.push(heard)

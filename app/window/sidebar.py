@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import ImVec2, ImVec2Like, ImVec4, imgui, implot
 from imgui_bundle import icons_fontawesome_6 as icons
+from numpy.typing import NDArray
 
 from app.background import FILLS
 from app.stages import STAGES
@@ -13,13 +14,14 @@ from app.window.eyes import Marks
 from app.window.history import KEPT, SILENCE_DB
 from app.window.layout import Rect
 from app.window.state import State
-from sensors.types import EYE_NAMES, EYE_SIZE, FPS
+from sensors.types import EYE_NAMES, FPS
 
 BUDGET_MS = 1000 / FPS
 CEILING_MS = 42.0  # of the graph; longer ticks reach its top
 SHOWN = [k for k, name in enumerate(STAGES) if name != "tick"]
 AUTOMATIC = "as heard"  # no emotion is chosen
 EYE_MARK, EYE_RAY = theme.GOOD, theme.ACCENT
+EYE_DRAWING_MM, IRIS_MM, PUPIL_MM = 17.0, 5.6, 2.4  # height of the strip; radii
 
 
 def draw(
@@ -102,22 +104,37 @@ def _eye_picture(state: State, eye: int, side: float, texture: Any, mark: Marks 
             texture, corner, end, ImVec2(left, 0), ImVec2(right, 1), tint, radius
         )
     if mark is not None:
-        paint.push_clip_rect(corner, end, True)
-
-        def place(px: np.ndarray) -> ImVec2:
-            x, y = px / EYE_SIZE * side
-            return ImVec2(corner.x + (side - x if state.mirror else x), corner.y + y)
-
-        lids: list[ImVec2Like] = [place(px) for px in mark.lids]
-        paint.add_polyline(lids, parts.rgba(EYE_MARK, 0.85), 1.4 * scale, imgui.ImDrawFlags_.closed)
-        pupil = place(mark.pupil)
-        paint.add_circle(pupil, 6 * scale, parts.rgba(EYE_RAY), 24, 1.6 * scale)
-        paint.add_line(pupil, place(mark.ray_end), parts.rgba(EYE_RAY), 1.6 * scale)
-        paint.pop_clip_rect()
+        _eye_drawing(mark, state.mirror, corner, side)
     if seen and not valid:
         text = f"{state.history.eyes_age_ms[eye]:.0f} ms old"
         paint.add_text(ImVec2(corner.x + 10, corner.y + 8), parts.rgba(theme.WARN), text)
     imgui.dummy(ImVec2(side, side))
+
+
+def _eye_drawing(mark: Marks, mirror: bool, corner: ImVec2, side: float) -> None:
+    """The head's own eye, in a strip at the foot of the picture."""
+    paint, scale = imgui.get_window_draw_list(), imgui.get_style().font_scale_dpi
+    height = 0.32 * side
+    top, end = corner.y + side - height, ImVec2(corner.x + side, corner.y + side)
+    foot = imgui.ImDrawFlags_.round_bottom
+    strip = ImVec2(corner.x, top)
+    paint.add_rect_filled(strip, end, parts.rgba(theme.PANEL, 0.72), 8 * scale, foot)
+    per_mm = height / EYE_DRAWING_MM
+    middle = ImVec2(corner.x + side / 2, top + height / 2)
+
+    def place(mm: NDArray[np.float64]) -> ImVec2:
+        x = -mm[0] if mirror else mm[0]
+        return ImVec2(middle.x + x * per_mm, middle.y + mm[1] * per_mm)
+
+    lids: list[ImVec2Like] = [place(mm) for mm in mark.lids]
+    paint.add_concave_poly_filled(lids, parts.rgba(theme.TEXT, 0.10))
+    upper, lower = place(mark.lids.min(0)).y, place(mark.lids.max(0)).y
+    paint.push_clip_rect(ImVec2(corner.x, upper), ImVec2(end.x, lower), True)
+    pupil = place(mark.pupil)
+    paint.add_circle_filled(pupil, IRIS_MM * per_mm, parts.rgba(EYE_RAY, 0.45), 32)
+    paint.add_circle_filled(pupil, PUPIL_MM * per_mm, parts.rgba(EYE_RAY), 24)
+    paint.pop_clip_rect()
+    paint.add_polyline(lids, parts.rgba(EYE_MARK, 0.95), 1.6 * scale, imgui.ImDrawFlags_.closed)
 
 
 def _timing(state: State, fonts: theme.Fonts) -> None:
