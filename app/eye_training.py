@@ -1,11 +1,11 @@
 """The training stages of eyes and gaze, with what they need of the capture stage (DESIGN 2)."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from app.train import Train
     from encoder.training.loop import Run
 
 GAZE_MINUTES = 16.0
@@ -28,17 +28,35 @@ def gaze_source(minutes: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
     return gaze.astype(np.float32), (1 - np.mean(blink, axis=0)).astype(np.float32)
 
 
-def train_gaze(output: Path, seed: int) -> None:
-    """Build the gaze graph; its walk is then compared with its source by `livedrive eval eyes`."""
-    from encoder.gaze_graph import build
+def run_eye_stage(command: "Train", run: "Run") -> None:
+    """gaze: build the gaze graph. eyes: the eye encoder. multimodal: the student that sees."""
+    from encoder import gaze_graph
+    from encoder.inference import STUDENTS, WEIGHTS
 
-    graph = build(*gaze_source(GAZE_MINUTES, seed))
-    graph.save(output)
-    print(f"{len(graph.gaze)} nodes with {len(graph.successors)} edges")
+    out = command.out or WEIGHTS
+    steps: dict[str, Any] = {} if command.steps is None else {"steps": command.steps}
+    if command.stage == "gaze":
+        graph = gaze_graph.build(*gaze_source(GAZE_MINUTES, command.seed))
+        graph.save(command.out / "gaze_graph.npz" if command.out else gaze_graph.GRAPH)
+        print(f"{len(graph.gaze)} nodes with {len(graph.successors)} edges")
+    elif command.stage == "eyes":
+        from encoder.training import eyes
 
+        config = eyes.preset(
+            command.preset, pictures=command.data, output=out / "eyes", run=run, **steps
+        )
+        eyes.run(config)
+    else:
+        from app.training import face
+        from encoder.training import multimodal
 
-def train_eyes(preset: str, pictures: Path, output: Path, run: "Run") -> None:
-    """Train the eye encoder on pictures that `livedrive capture` drew."""
-    from encoder.training import eyes
-
-    eyes.run(eyes.preset(preset, pictures=pictures, output=output, run=run))
+        config = multimodal.preset(
+            command.preset,
+            streams=command.data / "streams.npz",
+            student=(command.start or WEIGHTS) / STUDENTS["gaze"],
+            eyes=out / "eyes",
+            output=out / STUDENTS["eyes"],
+            run=run,
+            **steps,
+        )
+        multimodal.run(config, face())

@@ -6,7 +6,9 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-Stage = Literal["prior", "audio", "diffusion", "distill", "regression"]
+Stage = Literal[
+    "prior", "audio", "diffusion", "distill", "regression", "gaze", "eyes", "multimodal"
+]
 Variant = Literal[
     "none", "centred", "offline", "no-velocity", "no-jitter", "plain-jitter", "no-dmd"
 ]
@@ -16,7 +18,8 @@ Variant = Literal[
 class Train:
     """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
 
-    Order: audio, diffusion, distill. On several GPUs or machines start it with torchrun.
+    Order: audio, diffusion, distill; then gaze (a graph), eyes, multimodal. On several GPUs or
+    machines start it with torchrun.
     """
 
     stage: Positional[Stage]

@@ -95,6 +95,10 @@ def run_stage(command: "Train") -> None:
             command.preset, pack=command.data, output=output, heads=heads, run=run, **settings
         )
         audio.run(config)
+    elif command.stage in ("gaze", "eyes", "multimodal"):
+        from app.eye_training import run_eye_stage
+
+        run_eye_stage(command, run)
     else:
         _run_motion(command, folder, run, settings)
 

@@ -39,7 +39,7 @@ class EyePictures:
         if not paths:
             raise InputError(
                 f"eye pictures {folder}: expected files eyes_*.npz, got none; "
-                f"run `livedrive capture {folder} --eyes 40000`"
+                f"run `livedrive capture {folder} --eye-pairs 40000`"
             )
         parts: list[dict[str, np.ndarray]] = []
         for path in paths:

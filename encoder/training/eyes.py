@@ -5,7 +5,7 @@ Gaze, lid opening, the upper face's rig channels and validity are regressed from
 learned: it makes e for the denoiser's training data and for lost cameras. Subjects are split.
 """
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -43,7 +43,8 @@ SETTINGS: dict[str, dict[str, Any]] = {
 
 
 def preset(name: str, **settings: Any) -> EyesConfig:
-    return replace(EyesConfig(**settings), **SETTINGS[name])
+    """`settings` win over the preset."""
+    return EyesConfig(**{**SETTINGS[name], **settings})
 
 
 def losses(net: EyeNet, data: EyePictures, chosen: np.ndarray) -> dict[str, Tensor]:

@@ -1,0 +1,250 @@
+"""Stage "multimodal": the audio model learns to see (paper section 5.2): condition e replaces g.
+
+Starts from the distilled student that is conditioned on gaze and stays a one-step model. Its target
+is a face of two halves: the mouth is what the audio model itself says of the same sound and noise,
+so the lips keep what was distilled; the upper face is the truth that e shows. e is synthesised from
+the streams' gaze and rig by the eye encoder's own map, with its scatter between subjects and from
+frame to frame, and with cameras that get lost as EyeTracker handles it.
+"""
+
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from encoder import checkpoint
+from encoder.capture.channels import RIG_INDEX, RIG_NAMES, SPEECH_COLUMNS
+from encoder.denoiser import Denoiser
+from encoder.eye_encoder import MIRROR
+from encoder.eye_network import FEATURES, RIG, EyeNet, EyeNetConfig
+from encoder.eye_tracker import FADE_FRAMES, HOLD_FRAMES
+from encoder.training import loop
+from encoder.training.diffusion import fold_gaze, load_denoiser, weighted_error
+from encoder.training.geometry import Face, velocity_loss
+from encoder.training.streams import AHEAD, GAZE_SCALE, REST_WEIGHT, Streams
+
+TRUTH = "mouth: of the audio model; eyes, lids and brows: made by rules, seen by the eye encoder"
+RIG_COLUMNS = tuple(tuple(RIG_INDEX[f"{name}_{side}"] for name in RIG) for side in "LR")
+BLINK_WEIGHT = 4.0  # a blink is 8 frames of 100
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultimodalConfig:
+    streams: Path
+    student: Path  # the gaze model, without suffix
+    eyes: Path  # the eye encoder, without suffix
+    output: Path
+    run: loop.Run
+    steps: int = 700
+    batch: int = 16
+    frames: int = 100
+    rate: float = 6e-4
+    lost: float = 0.3  # chance that an eye is lost for a part of a clip
+    velocity_weight: float = 1.0
+    silence: float = 0.1  # chance that a clip's eyes come with silence instead of its sound
+
+
+SETTINGS: dict[str, dict[str, Any]] = {
+    "debug": {"steps": 2, "batch": 2, "frames": 20},
+    "default": {},
+    "paper": {"steps": 25_000, "rate": 1e-4},
+}
+
+
+def preset(name: str, **settings: Any) -> MultimodalConfig:
+    """`settings` win over the preset."""
+    return MultimodalConfig(**{**SETTINGS[name], **settings})
+
+
+class Batch(NamedTuple):
+    """What a step learns from."""
+
+    codes: Tensor  # [B, T, 256] truth
+    audio: Tensor  # [B, T, A]
+    scaled_gaze: Tensor  # [B, T, 6], as the gaze model was trained
+    weight: Tensor  # [B, T]
+    e: Tensor  # [B, T, 160]
+
+
+class EyeStreams:
+    """Streams with the upper face's rig, from which e is made anew for every batch."""
+
+    def __init__(self, path: Path, face: Face, net: EyeNet, lost: float) -> None:
+        plain = Streams.load(path, face)
+        with np.load(path, allow_pickle=False) as data:
+            rig = data["rig"][..., np.array(RIG_COLUMNS).ravel()]  # [S, T, 14]
+        # beside the sound, so that one draw cuts the same windows out of everything
+        self.streams = replace(plain, features=np.concatenate([plain.features, rig], -1))
+        self.audio_dim, self.net, self.lost = plain.features.shape[-1], net.eval(), lost
+
+    def draw(self, batch: int, frames: int, rng: np.random.Generator) -> Batch:
+        codes, audio, scaled, _ = self.streams.draw(batch, frames, rng)
+        audio, rig = audio.split([self.audio_dim, 2 * len(RIG)], -1)
+        rig = rig.reshape(batch, frames, 2, len(RIG))
+        gaze = (scaled / GAZE_SCALE + torch.tensor(AHEAD)).reshape(batch, frames, 2, 3)
+        weight = 1 + BLINK_WEIGHT * (rig[..., 0].amax(-1) > 0.3)
+        e = synthesised(self.net, gaze, rig, self.lost, rng)
+        return Batch(codes, audio.clone(), scaled, weight, e)
+
+    def silence(self) -> Tensor | None:
+        """[A] what the audio encoder says of a mouth at rest."""
+        resting = self.streams.features[self.streams.weight == REST_WEIGHT]
+        if len(resting) == 0:
+            return None
+        middle = np.median(resting[:20_000, : self.audio_dim].astype(np.float32), 0)
+        return torch.from_numpy(middle)
+
+
+@torch.no_grad()
+def synthesised(
+    net: EyeNet,
+    gaze: Tensor,  # [B, T, 2, 3] unit vectors
+    rig: Tensor,  # [B, T, 2, 7]
+    lost: float,
+    rng: np.random.Generator,
+) -> Tensor:  # [B, T, 160]
+    """e as the eye encoder and the tracker would give it."""
+    batch, frames = gaze.shape[:2]
+    mirror = torch.from_numpy(MIRROR)
+    left_like = torch.cat([gaze[..., :1] * mirror, gaze[..., 1:2]], -1)
+    noise = torch.randn(batch, frames, 2, FEATURES) @ net.frame_spread
+    constant = torch.randn(batch, 1, 2, FEATURES) @ net.subject_spread
+    own = (net.synthesise(left_like, rig) + constant + noise).clamp(-1, 1)
+    plain = torch.zeros_like(rig)
+    plain[..., 0] = rig[..., :1].mean(2)  # both lids alike, nothing known of the brows
+    walked = net.synthesise(left_like, plain)
+    across = left_like.flip(2) * torch.tensor([-1.0, 1.0])  # where the other eye looks
+    there = torch.zeros_like(rig)
+    there[..., 0] = rig.flip(2)[..., 0]
+    borrowed = own.flip(2) + net.synthesise(across, there)
+    borrowed = (borrowed - net.synthesise(left_like.flip(2), there)).clamp(-1, 1)
+    rows = []
+    for b in range(batch):
+        gone = [_lost_frames(frames, lost, rng) for _ in (0, 1)]
+        both = gone[0] & gone[1]
+        eyes = []
+        for eye in (0, 1):
+            other = torch.where(both[:, None], walked[b, :, eye], borrowed[b, :, eye])
+            eyes.append(_switched(own[b, :, eye], other, gone[eye]))
+        rows.append(torch.stack(eyes, 1))
+    return torch.stack(rows).flatten(2)
+
+
+def _lost_frames(frames: int, chance: float, rng: np.random.Generator) -> Tensor:  # [T] bool
+    """A run of lost frames, sometimes; sometimes all of them."""
+    gone = torch.zeros(frames, dtype=torch.bool)
+    if rng.random() < chance:
+        start, end = np.sort(rng.integers(-frames // 2, frames + frames // 2, 2))
+        gone[max(start, 0) : max(end, 0)] = True
+    return gone
+
+
+def _switched(own: Tensor, other: Tensor, gone: Tensor) -> Tensor:
+    """[T, 80] own features; where they are gone held for 200 ms, then the other ones; faded."""
+    place, share = np.arange(len(own)), np.zeros(len(own), np.float32)
+    now, held = float(gone[0]), 0
+    for t, lost in enumerate(gone.tolist()):
+        held = held + 1 if lost else 0
+        if t and 0 < held <= HOLD_FRAMES and now < 1:
+            place[t] = place[t - 1]
+        else:
+            now = min(max(float(lost), now - 1 / FADE_FRAMES), now + 1 / FADE_FRAMES)
+        share[t] = now
+    mine, theirs = own[place], other[place]
+    return mine + torch.from_numpy(share)[:, None] * (theirs - mine)
+
+
+class Halves:
+    """Codes in the rig's channels: the mouth of one face with the upper half of another."""
+
+    def __init__(self, face: Face) -> None:
+        rows = face.rig_to_code(np.eye(len(RIG_NAMES), dtype=np.float32))  # [53, 256]
+        upper = [i for i in range(len(RIG_NAMES)) if i not in SPEECH_COLUMNS]
+        inverse = np.linalg.pinv(rows)[:, upper]  # [256, U]
+        self.upper = torch.from_numpy((inverse @ rows[upper]).astype(np.float32))  # [256, 256]
+
+    def join(self, mouth: Tensor, upper: Tensor) -> Tensor:  # [B, T, 256] each
+        return mouth + (upper - mouth) @ self.upper
+
+
+@torch.no_grad()
+def grown(student: Denoiser, streams: EyeStreams, rng: np.random.Generator) -> Denoiser:
+    """A copy of the gaze model that takes e where it took gaze, read off e by a linear fit."""
+    batch = streams.draw(24, 100, rng)
+    e, gaze = batch.e.flatten(0, 1).numpy(), batch.scaled_gaze.flatten(0, 1).numpy()
+    padded = np.concatenate([e, np.ones((len(e), 1), np.float32)], 1)
+    ridge = 1e-2 * len(e) * np.eye(padded.shape[1])
+    fit = np.linalg.solve(padded.T @ padded + ridge, padded.T @ gaze)
+    fit = torch.from_numpy(fit.astype(np.float32))  # [161, 6]
+    config = replace(student.config, condition="eyes", condition_dim=2 * FEATURES)
+    model, tensors = Denoiser(config), dict(student.state_dict())
+    weight = tensors["input.weight"]
+    columns = weight[:, -student.config.condition_dim :]
+    tensors["input.weight"] = torch.cat(
+        [weight[:, : -student.config.condition_dim], columns @ fit[:-1].T], 1
+    )
+    tensors["input.bias"] = tensors["input.bias"] + columns @ fit[-1]
+    tensors["null_condition"] = torch.from_numpy(e.mean(0))
+    model.load_state_dict(tensors)
+    return model
+
+
+def losses(
+    model: Denoiser, audio_model: Denoiser, halves: Halves, batch: Batch, face: Face,
+    config: MultimodalConfig,
+) -> dict[str, Tensor]:  # fmt: skip
+    noise = torch.randn_like(batch.codes)
+    tau = torch.full((len(noise),), model.config.num_steps)
+    with torch.no_grad():
+        mouth = audio_model(noise, tau, batch.audio, batch.scaled_gaze)
+        target = model.standardise(halves.join(audio_model.unstandardise(mouth), batch.codes))
+    z = model(noise, tau, batch.audio, batch.e)
+    faces = [face.vertices(model.unstandardise(code)) for code in (z, target)]
+    result = {
+        "code": weighted_error(z, target, batch.weight),
+        "velocity": velocity_loss(faces[0], faces[1], face.weights),
+    }
+    total = result["code"] + config.velocity_weight * result["velocity"]
+    return result | {"total": total}
+
+
+def run(config: MultimodalConfig, face: Face) -> dict[str, float]:
+    """Fine-tune and write the student that sees."""
+    torch.manual_seed(config.run.seed)
+    rng = np.random.default_rng(config.run.seed)
+    tensors, eye_card = checkpoint.load(config.eyes, "eyes")
+    net = EyeNet(checkpoint.config_from(EyeNetConfig, eye_card["config"]))
+    net.load_state_dict({key: value.float() for key, value in tensors.items()})
+    streams = EyeStreams(config.streams, face, net.requires_grad_(False), config.lost)
+    audio_model, card = load_denoiser(config.student, "student")
+    fold_gaze(audio_model, inverse=True).requires_grad_(False)
+    model, halves = grown(audio_model, streams, rng), Halves(face)
+    silence = streams.silence()
+
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        batch = streams.draw(config.batch, config.frames, rng)
+        if silence is not None:
+            hushed = torch.from_numpy(rng.random(config.batch) < config.silence)
+            batch.audio[hushed] = silence
+        return losses(model, audio_model, halves, batch, face, config)
+
+    metrics, curve = loop.train(
+        "multimodal", {"student": model}, step_losses, steps=config.steps, rate=config.rate,
+        run=config.run,
+    )  # fmt: skip
+    facts = {
+        "kind": "student",
+        "config": asdict(model.config),
+        "data": streams.streams.about["sources"],
+        "truth": TRUTH,
+        "audio_model": {key: card[key] for key in ("steps", "seed", "sha256")},
+        "eyes_sha256": eye_card["sha256"],
+        "steps": config.steps,
+        **{key: card[key] for key in ("audio_sha256",) if key in card},
+        **config.run.card(metrics, curve),
+    }
+    checkpoint.save(config.output, loop.halved(model.state_dict()), facts)
+    return metrics

@@ -1,0 +1,155 @@
+"""The multimodal stage: it begins as the audio model, keeps its mouth, and knows lost cameras."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from eye_material import looks, net
+
+from encoder import checkpoint
+from encoder.capture.channels import RIG_INDEX, SPEECH_COLUMNS
+from encoder.denoiser import PRESETS, Denoiser
+from encoder.eye_tracker import FADE_FRAMES, HOLD_FRAMES
+from encoder.training import loop, multimodal
+from encoder.training.diffusion import fold_gaze, load_denoiser
+from encoder.training.geometry import Face
+
+rng = np.random.default_rng(0)
+TO_CODE = rng.normal(0, 0.3, (53, 256)).astype(np.float32)
+TO_VERTICES = torch.from_numpy(rng.normal(0, 0.1, (256, 12)).astype(np.float32))
+
+
+def face() -> Face:
+    return Face(
+        lambda rig: rig.astype(np.float32) @ TO_CODE,
+        lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
+        torch.ones(4),
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Streams, an eye encoder and a gaze model, all small and random."""
+    path = tmp_path_factory.mktemp("multimodal")
+    rng, frames = np.random.default_rng(1), 150
+    rig = np.zeros((4, frames, 53), np.float32)
+    rig[..., RIG_INDEX["jawOpen"]] = rng.random((4, 1)) * (np.arange(frames) > 40)
+    for side in "LR":
+        rig[..., RIG_INDEX[f"eyeBlink_{side}"]] = np.arange(frames) % 40 < 6
+    np.savez(
+        path / "streams.npz", features=rng.normal(size=(4, frames, 512)).astype(np.float16),
+        rig=rig.astype(np.float16),
+        gaze=np.stack([looks(frames, s).reshape(-1, 6) for s in range(4)]).astype(np.float16),
+        about=np.array(json.dumps({"sources": {}, "audio_sha256": "x"})),
+    )  # fmt: skip
+    torch.manual_seed(0)
+    model = Denoiser(PRESETS["debug"])
+    for block in model.blocks:
+        torch.nn.init.normal_(block.modulate.weight, std=0.05)
+    model.expression_std.fill_(0.3)
+    card = {"kind": "student", "config": asdict(model.config), "steps": 1, "seed": 0}
+    checkpoint.save(path / "student", fold_gaze(model).state_dict(), card)
+    made = net()
+    torch.nn.init.normal_(made.subject_spread, std=0.02)
+    torch.nn.init.normal_(made.frame_spread, std=0.01)
+    checkpoint.save(
+        path / "eyes", made.state_dict(), {"kind": "eyes", "config": asdict(made.config)}
+    )
+    return path
+
+
+def config(folder: Path, out: Path) -> multimodal.MultimodalConfig:
+    return multimodal.preset(
+        "debug", streams=folder / "streams.npz", student=folder / "student",
+        eyes=folder / "eyes", output=out / "student_eyes", run=loop.Run(state=out / "state"),
+    )  # fmt: skip
+
+
+def eye_streams(folder: Path, lost: float) -> multimodal.EyeStreams:
+    return multimodal.EyeStreams(folder / "streams.npz", face(), net(), lost)
+
+
+def test_stage_writes_a_model_of_eyes_and_resumes(folder: Path, tmp_path: Path) -> None:
+    first = config(folder, tmp_path)
+    multimodal.run(first, face())
+    multimodal.run(replace(first, steps=4, run=replace(first.run, resume=True)), face())
+    model, card = load_denoiser(tmp_path / "student_eyes", "student")
+    assert model.config.condition == "eyes" and model.config.condition_dim == 160
+    assert card["steps"] == 4 and "eyes_sha256" in card
+
+
+def test_batches_match_their_truth(folder: Path) -> None:
+    streams = eye_streams(folder, lost=0.0)
+    batch = streams.draw(3, 60, np.random.default_rng(0))
+    assert batch.e.shape == (3, 60, 160) and batch.e.abs().max() <= 1
+    assert batch.audio.shape == (3, 60, 512) and batch.codes.shape == (3, 60, 256)
+    blinking = batch.weight > 1
+    left = batch.e[..., :80]
+    gap = left[blinking].mean(0) - left[~blinking].mean(0)
+    assert gap.abs().max() > 0.05  # e shows the blinks of its own frames
+    assert np.array_equal(streams.draw(3, 60, np.random.default_rng(0)).codes, batch.codes)
+
+
+def test_grown_model_starts_as_the_audio_model(folder: Path) -> None:
+    """With the features that a gaze gives it says nearly what the gaze model said."""
+    streams = eye_streams(folder, lost=0.0)
+    audio_model, _ = load_denoiser(folder / "student", "student")
+    fold_gaze(audio_model, inverse=True)
+    model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
+    batch = streams.draw(4, 50, np.random.default_rng(5))
+    tau, noise = torch.full((4,), 200), torch.randn(4, 50, 256)
+    with torch.no_grad():
+        expected = audio_model(noise, tau, batch.audio, batch.scaled_gaze)
+        actual = model(noise, tau, batch.audio, batch.e)
+        ahead = audio_model(noise, tau, batch.audio, 0 * batch.scaled_gaze)
+    assert (actual - expected).square().mean() < (ahead - expected).square().mean()
+
+
+def test_halves_take_the_mouth_of_one_and_the_eyes_of_the_other() -> None:
+    halves, rng = multimodal.Halves(face()), np.random.default_rng(3)
+    one, other = rng.random((2, 1, 5, 53)).astype(np.float32)
+    codes = [torch.from_numpy(x @ TO_CODE) for x in (one, other)]
+    joined = halves.join(*codes).numpy() @ np.linalg.pinv(TO_CODE)
+    mouth = list(SPEECH_COLUMNS)
+    upper = [i for i in range(53) if i not in mouth]
+    assert np.abs(joined[..., mouth] - one[..., mouth]).max() < 1e-3
+    assert np.abs(joined[..., upper] - other[..., upper]).max() < 1e-3
+
+
+def test_lost_eyes_hold_then_fade_to_the_other() -> None:
+    own = torch.arange(60.0)[:, None].repeat(1, 80)
+    other, gone = own + 1000, torch.zeros(60, dtype=torch.bool)
+    gone[20:45] = True
+    row = multimodal._switched(own, other, gone)[:, 0]
+    assert torch.equal(row[:20], own[:20, 0])
+    assert (row[20 : 20 + HOLD_FRAMES] == 19).all()
+    settled = 20 + HOLD_FRAMES + FADE_FRAMES - 1
+    assert torch.equal(row[settled:45], other[settled:45, 0])
+    assert torch.equal(row[45 + FADE_FRAMES - 1 :], own[45 + FADE_FRAMES - 1 :, 0])
+    assert row.diff().abs().max() < 1000 / FADE_FRAMES + 10
+    every = multimodal._switched(own, other, torch.ones(60, dtype=torch.bool))
+    assert torch.equal(every, other)
+
+
+def test_loss_falls(folder: Path) -> None:
+    torch.manual_seed(0)
+    streams = eye_streams(folder, lost=0.2)
+    audio_model, _ = load_denoiser(folder / "student", "student")
+    fold_gaze(audio_model, inverse=True).requires_grad_(False)
+    model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
+    optimizer = loop.adamw({"model": model}, 3e-3)
+    settings, halves = config(folder, folder), multimodal.Halves(face())
+    history = []
+    for step in range(40):
+        batch = streams.draw(4, 30, np.random.default_rng(step))
+        loss = multimodal.losses(model, audio_model, halves, batch, face(), settings)
+        optimizer.zero_grad()
+        loss["total"].backward()
+        optimizer.step()
+        history.append(float(loss["total"].detach()))
+    assert np.mean(history[-5:]) < 0.7 * np.mean(history[:5])
