@@ -30,6 +30,47 @@ def noise(count: int, rng: np.random.Generator) -> np.ndarray:
     return sound / sound.std()
 
 
+def music(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[n] unit RMS: chords of decaying notes on a beat, each piece with its own sound."""
+    sound, time = np.zeros(count), np.arange(count) / PACK_RATE
+    beat = int(rng.uniform(0.2, 0.8) * PACK_RATE)
+    base, decay, overtones = rng.uniform(80, 400), rng.uniform(1, 12), rng.uniform(0, 0.8)
+    scale = rng.choice(13, 6, replace=False)
+    for start in range(0, count, beat):
+        here = slice(start, min(start + beat, count))
+        age = time[here] - time[start]
+        for note in rng.choice(scale, int(rng.integers(1, 5)), replace=False):
+            hz = base * 2 ** (note / 12)
+            for k in range(1, 5):
+                sound[here] += (
+                    overtones ** (k - 1)
+                    * np.sin(2 * np.pi * hz * k * age)
+                    * np.exp(-decay * k * age)
+                )
+    return sound / sound.std()
+
+
+def clicks(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[n] unit RMS: keys or knocks, short bursts of noise or of a struck thing."""
+    sound, length = 0.01 * rng.standard_normal(count), 2400
+    time, decay = np.arange(length), rng.uniform(40, 600)
+    ring = np.sin(time * rng.uniform(0.02, 0.5)) * rng.uniform(0, 2)
+    for start in np.cumsum(rng.uniform(0.06, 1.2 * rng.uniform(0.2, 1), 400)) * PACK_RATE:
+        if start < count - length:
+            hit = (rng.standard_normal(length) + ring) * np.exp(-time / decay)
+            sound[int(start) : int(start) + length] += rng.uniform(0.3, 1) * hit
+    return sound / sound.std()
+
+
+def not_speech(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[n] float32 of anything but a voice, -70 to -20 dBFS; a quarter of the time nothing."""
+    make = (None, noise, clicks, music)[rng.integers(4)]
+    if make is None:
+        return np.zeros(count, np.float32)
+    level = 10 ** (rng.uniform(-70, -20) / 20)
+    return np.clip(level * make(count, rng), -1, 1).astype(np.float32)
+
+
 def equalise(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """A microphone: tilt, two broad bumps, and the ends of its band cut off."""
     spectrum = np.fft.rfft(audio)
@@ -73,6 +114,8 @@ def crop(clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3) -> C
     else:
         where = np.arange(count) * factor
         clean = np.interp(where, np.arange(len(source)), source, right=0.0).astype(np.float32)
+    if clip.truth == "rest" and rng.random() < 0.5:
+        clean = not_speech(count, rng)  # more kinds than the capture's
     where = (np.arange(frames) + 1) * factor - 1  # frame k sits at the end of its samples
     rig = _curves(clip.rig[start:stop], where)
     gaze = _curves(clip.gaze[start:stop].reshape(stop - start, 6), where)

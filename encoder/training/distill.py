@@ -47,7 +47,8 @@ class DistillConfig:
     pool: int = 16  # batches of teacher samples held at a time
     reuse: int = 4  # times each is trained on before new ones are drawn
     update_share: float = 0.08  # of the steps between updates of beta (2K of 25K in the paper)
-    guidance: Guidance = Guidance(weight=1.15)
+    # measured: 1.5 moves the lips more and in better time than 1.0 (closures as often)
+    guidance: Guidance = Guidance(weight=1.5)
     dmd_weight: float = 0.05
     velocity_weight: float = 1.0
     jitter_weight: float = 0.02

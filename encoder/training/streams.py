@@ -19,7 +19,7 @@ from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, SPEECH_CO
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest
 from encoder.capture.motion import closing_weight, upper_face
 from encoder.training.audio import grouped, load_encoder, stacked
-from encoder.training.augment import Crop, crop
+from encoder.training.augment import Crop, crop, not_speech
 from encoder.training.geometry import Face
 from encoder.training.heads import Heads, Outputs, load_heads
 
@@ -33,6 +33,7 @@ class StreamConfig:
     minutes: float = 80.0
     stream_frames: int = 900
     seed: int = 0
+    rest_streams: float = 0.12  # share of streams without a word: loudness statistics die away
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.5),
         ("tracked", 0.15),
@@ -79,11 +80,13 @@ def draw_stream(
         rig.append(labelled(part, truth, predict))
         frames += length
     samples = config.stream_frames * PACK_SAMPLES_PER_FRAME
-    curves = np.concatenate(rig)[: config.stream_frames]
+    sound, curves = np.concatenate(audio)[:samples], np.concatenate(rig)[: config.stream_frames]
+    if rng.random() < config.rest_streams:
+        sound, curves = not_speech(samples, rng), np.zeros_like(curves)
     # eyes, lids and brows anew for the whole stream: no jumps of the gaze where clips meet
     upper, gaze = upper_face(np.clip(curves[:, JAW_OPEN] / 0.35, 0, 1), rng)
     upper[:, SPEECH_COLUMNS] = curves[:, SPEECH_COLUMNS]
-    return np.concatenate(audio)[:samples], upper, gaze.reshape(-1, 6)
+    return sound, upper, gaze.reshape(-1, 6)
 
 
 def run(config: StreamConfig) -> Path:

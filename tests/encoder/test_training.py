@@ -224,3 +224,15 @@ def test_distortion_is_causal_enough_and_bounded():
         heard = augment.room(clean, rng)
         assert np.abs(heard[:4000]).max() < 1e-9
     assert np.abs(augment.distort(clean, rng)).max() <= 1
+
+
+@pytest.mark.parametrize("make", [augment.noise, augment.music, augment.clicks])
+def test_sounds_that_are_no_speech_have_unit_level(make):
+    sound = make(24_000, np.random.default_rng(0))
+    assert sound.shape == (24_000,) and sound.std() == pytest.approx(1)
+
+
+def test_not_speech_is_bounded_and_sometimes_silent():
+    sounds = [augment.not_speech(4800, np.random.default_rng(k)) for k in range(30)]
+    assert max(float(np.abs(x).max()) for x in sounds) <= 1
+    assert any(not x.any() for x in sounds) and any(x.any() for x in sounds)
