@@ -12,20 +12,24 @@ from tyro.conf import Positional
 class Bench:
     """Measure latency, CPU time and memory against the bars of this project."""
 
-    what: Positional[Literal["tick", "render", "soak"]] = "tick"
+    what: Positional[Literal["tick", "render", "pictures", "sensors", "soak"]] = "tick"
     """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals.
-    soak: thousands of pictures, to see that nothing leaks."""
+    pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
+    stand-ins for microphone and cameras. soak: the same for --minutes, and its replay."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    minutes: float = 20.0
+    """How long the sensors run (soak)."""
     report: Path | None = None
     """Write the figures as JSON."""
 
     def run(self) -> None:
         from app.bars import finish
+        from app.bench_live import measure_live_soak, measure_sensors
         from app.bench_render import measure_render
         from app.bench_soak import measure_soak
         from app.bench_tick import measure_tick
@@ -34,8 +38,12 @@ class Bench:
             report = measure_tick(self.session, self.avatar, self.size, self.device)
         elif self.what == "render":
             report = measure_render(self.avatar)
-        else:
+        elif self.what == "pictures":
             report = measure_soak()
+        elif self.what == "sensors":
+            report = measure_sensors()
+        else:
+            report = measure_live_soak(self.minutes)
         if self.report:
             self.report.write_text(json.dumps(report, indent=2) + "\n")
         finish(report["bars"])

@@ -72,5 +72,5 @@ def _percentiles(values_ms: np.ndarray) -> dict[str, float]:
     finite = values_ms[np.isfinite(values_ms)]
     if not len(finite):
         return {}
-    p50, p95, p99 = np.percentile(finite, (50, 95, 99))
-    return {"p50_ms": round(p50, 2), "p95_ms": round(p95, 2), "p99_ms": round(p99, 2)}
+    p50, p95, p99 = (round(float(v), 2) for v in np.percentile(finite, (50, 95, 99)))
+    return {"p50_ms": p50, "p95_ms": p95, "p99_ms": p99}

@@ -20,8 +20,8 @@ class Stages:
     """
 
     def __init__(self) -> None:
-        self._wall_ns = {name: np.zeros(CAPACITY, np.int64) for name in STAGES}
-        self._cpu_ns = {name: np.zeros(CAPACITY, np.int64) for name in STAGES}
+        self._wall_ns = {name: np.full(CAPACITY, 0, np.int64) for name in STAGES}
+        self._cpu_ns = {name: np.full(CAPACITY, 0, np.int64) for name in STAGES}
         self._count = dict.fromkeys(STAGES, 0)
 
     @contextmanager
