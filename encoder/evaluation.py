@@ -17,7 +17,8 @@ from encoder.audio_encoder import AudioEncoder
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, SEGMENT_FRAMES, Clip, iter_pack
 from encoder.denoiser import Denoiser
 from encoder.diffusion import Guidance, Schedule, sample_ddim
-from encoder.gaze import GazeSynth
+from encoder.gaze_graph import GazeGraph
+from encoder.gaze_walk import synthesise
 
 Floats = NDArray[np.float32]
 TEACHER_STEPS = 40
@@ -69,14 +70,20 @@ def held_out_segments(pack: Path, count: int, seed: int = 0) -> dict[str, list[S
 
 @torch.no_grad()
 def features(
-    segments: Sequence[Segment], encode: Callable[[Tensor], Tensor]
+    segments: Sequence[Segment], encode: Callable[[Tensor], Tensor], ahead: int = 0
 ) -> Tensor:  # [S, 100, A]
-    """`encode`: sound [800 T] of a clip up to the segment's end -> features [T, A]."""
+    """`encode`: sound [800 T] of a clip up to the segment's end -> features [T, A].
+
+    ahead: hear so many frames later (after the clip: silence), for models with a lookahead.
+    """
     rows = []
     for segment in segments:
-        sound = segment.clip.audio[: segment.frames.stop * PACK_SAMPLES_PER_FRAME]
-        encoded = encode(torch.tensor(np.asarray(sound, np.float32) / 32768))
-        rows.append(encoded[segment.frames])
+        stop = (segment.frames.stop + ahead) * PACK_SAMPLES_PER_FRAME
+        heard = np.asarray(segment.clip.audio[:stop], np.float32) / 32768
+        sound = np.zeros(stop, np.float32)
+        sound[: len(heard)] = heard
+        encoded = encode(torch.tensor(sound))
+        rows.append(encoded[segment.frames.start + ahead : segment.frames.stop + ahead])
     return torch.stack(rows)
 
 
@@ -95,15 +102,9 @@ def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, 100, 6]
 
 def synthesised_gaze(count: int, seed: int) -> Tensor:  # [S, 100, 6]
     """What the live path looks at, anew for each segment."""
-    rows = []
-    for index in range(count):
-        synth = GazeSynth(1000 * seed + index)
-        state, row = synth.init_state(), []
-        for _ in range(SEGMENT_FRAMES):
-            gaze, state = synth.step(state)
-            row.append(gaze.reshape(-1))
-        rows.append(np.stack(row))
-    return torch.tensor(np.stack(rows))
+    graph = GazeGraph.load()
+    rows = [synthesise(graph, SEGMENT_FRAMES, 1000 * seed + index) for index in range(count)]
+    return torch.from_numpy(np.stack(rows)).reshape(count, SEGMENT_FRAMES, 6)
 
 
 def noise(shape: Sequence[int], seed: int) -> Tensor:

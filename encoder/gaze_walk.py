@@ -64,3 +64,13 @@ class GazeWalk:
     def _draw(self, count: int) -> float:
         bits = np.random.Philox(key=self.seed, counter=[0, 0, 2, count])
         return float(np.random.Generator(bits).random())
+
+
+def synthesise(graph: GazeGraph, frames: int, seed: int) -> NDArray[np.float32]:
+    """A whole walk at once: gaze [frames, 2, 3]."""
+    walk = GazeWalk(graph, seed)
+    state, rows = walk.init_state(), []
+    for _ in range(frames):
+        gaze, _, state = walk.step(state)
+        rows.append(gaze)
+    return np.array(rows, np.float32).reshape(frames, 2, 3)
