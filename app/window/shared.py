@@ -67,7 +67,6 @@ class WindowInfo:
     frames: int | None = None  # how many will come, where that is known
     size: int = 512  # px of the head on software GL; a GPU fills the window
     background: str = "studio"
-    smooth: bool = True  # motion between ticks, one tick late
 
 
 class SharedMemory:
