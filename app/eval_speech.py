@@ -40,6 +40,8 @@ class EvalSpeech:
     seed: int = 0
     report: Path | None = None
     """Write the figures as JSON."""
+    plots: Path | None = None
+    """Folder for pictures: loss curves of all cards, error over a constant shift."""
 
     def run(self) -> None:
         from app.bars import finish
@@ -59,6 +61,9 @@ class EvalSpeech:
                 print(f"{name:36s} {value:.3f}")
         for name in judged.missing:
             print(f"not trained, row left out: {name}")
+        if self.plots:
+            for path in judged.save_plots(self.plots):
+                print(f"wrote {path}")
         bars = make_bars(metrics)
         if self.report:
             report = {"metrics": metrics, "bars": bars, "seed": self.seed, "avatar": self.avatar}
@@ -152,14 +157,19 @@ class Judgement:
             ("teacher, 40 steps", data / "teacher", "diffusion"),
             ("offline teacher", data / "offline" / "teacher", "diffusion"),
             ("regression", data / "regression", "student"),
+            ("regression, 167 ms ahead", data / "lookahead" / "regression", "student"),
         ):
             if not self._trained(name, path):
                 continue
-            model, _ = load_denoiser(path, kind)
+            model, card = load_denoiser(path, kind)
+            heard = audio
+            if card.get("lookahead"):
+                encode = evaluation.whole(self.encoder)
+                heard = evaluation.features(segments, encode, card["lookahead"])
             row = (
                 evaluation.teacher_row(model, audio, gaze, guidance)
                 if kind == "diffusion"
-                else evaluation.student_row(model, audio, gaze)
+                else evaluation.student_row(model, heard, gaze)
             )
             rows.append((GT, name, row, draws if kind == "diffusion" else 1))
         folder = data / "centred"
@@ -202,3 +212,22 @@ class Judgement:
                 self.driver, segments, self._truth(segments), self.mesh, command.seed
             )
         return result
+
+    def save_plots(self, folder: Path) -> list[Path]:
+        """The student's error over shift for each kind of clip; loss curves of all cards."""
+        from app import eval_plots
+        from encoder import evaluation, inference
+
+        shifts = {}
+        for kind, segments in self.kinds.items():
+            audio = evaluation.features(segments, evaluation.whole(self.encoder))
+            row = evaluation.student_row(self.student, audio, evaluation.true_gaze(segments))
+            guess, real = (
+                [self.mesh.opening_mm(codes) for codes in rows]
+                for rows in (row(0), self._truth(segments))
+            )
+            shifts[kind] = eval_plots.shift_errors(guess, real)
+        weights = self.command.weights or inference.WEIGHTS
+        cards = [*sorted(weights.glob("*.json")), *sorted(self.command.data.glob("*.json"))]
+        cards += sorted(self.command.data.glob("*/teacher.json"))
+        return eval_plots.save(folder, shifts, eval_plots.curves_of(cards))

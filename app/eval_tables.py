@@ -79,6 +79,11 @@ def make_bars(metrics: Figures) -> list[dict[str, Any]]:
             )  # fmt: skip
     for kind in ("freeform", "sentence", "grid"):
         row = f"{kind}/{GT}/student"
+        recall = "closure_recall"
+        ratio(
+            f"{kind} closure recall of 167 ms ahead over the student's",
+            f"{kind}/{GT}/regression, 167 ms ahead/{recall}", f"{row}/{recall}", 1.25,
+        )  # fmt: skip
         if f"{row}/closure_recall" in metrics:
             bars.append(at_least(f"{kind} closure recall", metrics[f"{row}/closure_recall"], 0.5))
         if f"{row}/false_closures" in metrics:

@@ -10,7 +10,7 @@ Stage = Literal[
     "prior", "audio", "diffusion", "distill", "regression", "gaze", "eyes", "multimodal"
 ]
 Variant = Literal[
-    "none", "centred", "offline", "no-velocity", "no-jitter", "plain-jitter", "no-dmd"
+    "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd"
 ]
 
 
@@ -26,7 +26,8 @@ class Train:
     preset: Literal["debug", "default", "paper"] = "default"
     variant: Variant = "none"
     """An ablation of the paper, kept in its own folder of the data: `centred` audio encoder,
-    `offline` teacher with full attention, losses left out or jitter not normalised."""
+    `offline` teacher with full attention, regression with a `lookahead` of 5 frames, losses left
+    out or jitter not normalised."""
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None

@@ -34,6 +34,7 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
         "diffusion": {"jitter_normalised": False},
         "distill": {"jitter_normalised": False},
     },
+    "lookahead": {"regression": {"lookahead": 5}},  # 167 ms
     "no-dmd": {"distill": {"dmd_weight": 0.0}},
 }
 

@@ -48,6 +48,7 @@ class DiffusionConfig:
     velocity_weight: float = 1.0  # per mm^2 a frame^2
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
+    lookahead: int = 0  # frames of future sound: a ceiling to compare with, not for live use
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -163,7 +164,7 @@ def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
     forward = torch.compile(losses) if config.run.compile else losses
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        drawn = streams.draw(config.batch, config.frames, rng)
+        drawn = streams.draw(config.batch, config.frames, rng, config.lookahead)
         batch = tuple(tensor.to(config.run.device, non_blocking=True) for tensor in drawn)
         return forward(model, batch, schedule, face, config)
 
@@ -195,6 +196,7 @@ def write(
         "velocity_weight": config.velocity_weight,
         "jitter_weight": config.jitter_weight,
         "jitter_normalised": config.jitter_normalised,
+        "lookahead": config.lookahead,
         "steps": config.steps,
         **trained,
     }

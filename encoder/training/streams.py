@@ -172,13 +172,23 @@ class Streams:
             about = json.loads(str(data["about"]))
             return Streams(data["features"], codes, data["gaze"], weight, about)
 
-    def draw(self, batch: int, frames: int, rng: np.random.Generator) -> tuple[torch.Tensor, ...]:
-        """Random windows: codes [B, T, 256], audio [B, T, A], scaled gaze [B, T, 6], weight."""
+    def draw(
+        self, batch: int, frames: int, rng: np.random.Generator, ahead: int = 0
+    ) -> tuple[torch.Tensor, ...]:
+        """Random windows: codes [B, T, 256], audio [B, T, A], scaled gaze [B, T, 6], weight.
+
+        ahead: frames of sound from the future that each frame hears.
+        """
         stream = rng.integers(len(self.codes), size=batch)
-        start = rng.integers(self.codes.shape[1] - frames + 1, size=batch)
-        arrays = (self.codes, self.features, self.gaze, self.weight)
-        cut = [[a[s, t : t + frames] for s, t in zip(stream, start, strict=True)] for a in arrays]
+        start = rng.integers(self.codes.shape[1] - frames - ahead + 1, size=batch)
+        arrays = ((self.codes, 0), (self.features, ahead), (self.gaze, 0), (self.weight, 0))
         codes, audio, gaze, weight = (
-            torch.tensor(np.stack(rows), dtype=torch.float32) for rows in cut
+            torch.tensor(
+                np.stack(
+                    [a[s, t + k : t + k + frames] for s, t in zip(stream, start, strict=True)]
+                ),
+                dtype=torch.float32,
+            )
+            for a, k in arrays
         )
         return codes, audio, (gaze - torch.tensor(AHEAD)) * GAZE_SCALE, weight

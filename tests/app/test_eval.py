@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app import eval_live
+from app import eval_live, eval_plots
 from app.eval_ab import EvalAb, find_pairs, tally
 from app.eval_tables import make_bars, show
 from sensors.types import InputError
@@ -74,3 +74,21 @@ def test_votes_are_counted(tmp_path, capsys):
     (tmp_path / "bad.json").write_text("[]")
     with pytest.raises(InputError, match="votes"):
         tally((tmp_path / "bad.json",))
+
+
+def test_a_late_mouth_errs_least_when_compared_later():
+    truth = np.sin(np.arange(100) * 0.3)
+    errors = eval_plots.shift_errors([np.roll(truth, 2)], [truth])
+    assert eval_plots.SHIFTS[int(np.argmin(errors))] == 2
+
+
+def test_plots_are_written(tmp_path):
+    pytest.importorskip("matplotlib")
+    card = {"curve": {"step": [1, 2], "total": [2.0, 1.0]}}
+    (tmp_path / "student.json").write_text(json.dumps(card))
+    (tmp_path / "old.json").write_text("{}")
+    curves = eval_plots.curves_of(sorted(tmp_path.glob("*.json")))
+    assert [name.split("/")[1] for name in curves] == ["student"]
+    errors = [1.0] * len(eval_plots.SHIFTS)
+    paths = eval_plots.save(tmp_path / "plots", {"grid": errors}, curves)
+    assert all(path.stat().st_size > 5000 for path in paths)

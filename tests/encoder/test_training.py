@@ -135,6 +135,11 @@ def test_streams_hold_matching_rows(stages):
     codes, sound, gaze, weight = data.draw(3, 12, np.random.default_rng(0))
     assert codes.shape == (3, 12, 256) and gaze.shape == (3, 12, 6) and sound.shape[:2] == (3, 12)
     assert codes.std() > 0 and weight.shape == (3, 12)
+    now = np.arange(data.codes.shape[1], dtype=np.float32)[:, None]
+    counting = replace(data, features=np.stack([now] * len(data.codes)))
+    counting = replace(counting, codes=counting.features)
+    drawn, heard, _, _ = counting.draw(2, 10, np.random.default_rng(0), ahead=5)
+    assert torch.equal(heard, drawn + 5)
 
 
 def test_folding_the_gaze_changes_no_output():
