@@ -30,6 +30,7 @@ PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
 JSON_DEPTH = 8  # ticks that may wait for a program; for a page only the newest does
 STATUS_S = 0.5
+SHUTDOWN_S = 0.5  # what still talks after that is cut off
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; connect-src 'self' {sockets}",
     "Permissions-Policy": "microphone=(self), xr-spatial-tracking=(self)",
@@ -58,7 +59,9 @@ class WebServer:
         token = None if self._info.is_local else secrets.token_urlsafe(16)
         app = web.Application(middlewares=[check(token)], client_max_size=1024)
         self._routes(app)
-        runner = web.AppRunner(app, access_log=None, handle_signals=False)
+        runner = web.AppRunner(
+            app, access_log=None, handle_signals=False, shutdown_timeout=SHUTDOWN_S
+        )
         await runner.setup()
         assert runner.server is not None
         self._door = Doorman(runner.server, loop)
