@@ -1,7 +1,7 @@
 """What `run` and `record` share: which sensors are opened, how they end, what is told of them."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,14 +49,18 @@ class LiveOptions:
         return LiveSource(microphone, eyes, clock, seconds=self.seconds)
 
 
-def open_recorder(folder: Path, source: "LiveSource") -> "LiveRecorder":
+def open_recorder(
+    folder: Path, source: "LiveSource", calibration: Mapping[str, Any] | None = None
+) -> "LiveRecorder":
     from datetime import UTC, datetime
 
     from sensors.live_recorder import LiveRecorder
 
     created = datetime.now(UTC).isoformat(timespec="seconds")
     devices = source.info.devices
-    return LiveRecorder(folder, created=created, devices=devices, tell=tell)
+    return LiveRecorder(
+        folder, created=created, devices=devices, tell=tell, calibration=calibration
+    )
 
 
 def tell(line: str) -> None:

@@ -11,6 +11,7 @@ from tyro.conf import subcommand
 
 from app.avatar import Avatar
 from app.bench import Bench
+from app.calibrate import Calibrate
 from app.capture import Capture
 from app.devices import Devices
 from app.doctor import Doctor
@@ -25,6 +26,7 @@ Command = (
     Annotated[Replay, subcommand("replay")]
     | Annotated[Run, subcommand("run")]
     | Annotated[Record, subcommand("record")]
+    | Annotated[Calibrate, subcommand("calibrate")]
     | Annotated[Session, subcommand("session")]
     | Annotated[Avatar, subcommand("avatar")]
     | Annotated[Capture, subcommand("capture")]

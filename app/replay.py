@@ -24,6 +24,7 @@ class Replay(DriveOptions):
         if self.fast and (self.realtime or self.window):
             other = "--realtime" if self.realtime else "--window"
             raise InputError(f"pace: expected --fast or {other}, got both; give one")
+        from app.calibration import of_session
         from app.sinks.progress import ProgressSink
         from sensors.clock import MonotonicClock
         from sensors.recording import Recording
@@ -31,6 +32,7 @@ class Replay(DriveOptions):
 
         recording, clock = Recording(self.session), MonotonicClock()
         driver = self.load_driver(has_eyes=bool(recording.eyes))
+        driver.calibration = of_session(recording)
         eyes = self.window or driver.config.condition == "eyes"
         realtime = self.realtime or self.window or (self.is_networked and not self.fast)
         report = self.drive(

@@ -27,6 +27,7 @@ class Run(LiveOptions, DriveOptions):
         if self.headless and self.window:
             raise InputError("window: expected --headless or --window, got both; give one")
         self.window = not self.headless
+        from app.calibration import in_session, of_user
         from app.dashboard import Dashboard
         from app.live_stats import LiveStats
         from app.tape import Tape
@@ -37,7 +38,9 @@ class Run(LiveOptions, DriveOptions):
         page = self.open_web(clock, self.avatar, microphone=self.mic == "web")
         source = self.live_source(clock, self._web_microphone(page))
         driver = self.load_driver(has_eyes=bool(source.info.eyes))
-        tape = Tape(self.record, partial(open_recorder, source=source))
+        driver.calibration = of_user()
+        calibration = in_session(driver)
+        tape = Tape(self.record, partial(open_recorder, source=source, calibration=calibration))
         stats = LiveStats()
         silence_native_messages()
         try:

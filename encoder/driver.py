@@ -69,12 +69,13 @@ class Driver:
             )
         self.backend, self.config, self.eyes = backend, config, eyes
         self.graph = graph or GazeGraph.load()
+        self.calibration: EyeCalibration | None = None  # of who wears the headset
         self.mean = denoiser.expression_mean.cpu().numpy()
         self.std = denoiser.expression_std.cpu().numpy()
 
-    def init_state(self, seed: int, calibration: EyeCalibration | None = None) -> DriverState:
+    def init_state(self, seed: int) -> DriverState:
         walk = GazeWalk(self.graph, seed)
-        gaze = self._tracker(seed).init_state(calibration) if self.eyes else walk.init_state()
+        gaze = self._tracker(seed).init_state(self.calibration) if self.eyes else walk.init_state()
         return DriverState(seed, self.backend.init_state(), gaze)
 
     def recentred(self, state: DriverState) -> DriverState:

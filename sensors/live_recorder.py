@@ -8,6 +8,7 @@ import queue
 import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 from sensors.recording import RecordingWriter
 from sensors.types import InputError, Packet
@@ -26,6 +27,7 @@ class LiveRecorder:
         created: str,
         devices: Mapping[str, str],
         tell: Callable[[str], None],  # gets the one line
+        calibration: Mapping[str, Any] | None = None,
     ) -> None:
         """Raises InputError where the folder holds something already."""
         self.problem = ""  # why nothing is recorded any more
@@ -33,7 +35,9 @@ class LiveRecorder:
         self._queue: queue.Queue[Packet | None] = queue.Queue(MAX_WAITING)
         self._thread: threading.Thread | None = None
         try:
-            self._writer = RecordingWriter(folder, created=created, devices=devices)
+            self._writer = RecordingWriter(
+                folder, created=created, devices=devices, calibration=calibration
+            )
         except InputError:
             raise
         except OSError as error:
