@@ -7,15 +7,21 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz"]
+
 
 @dataclass(kw_only=True)
 class Bench:
     """Measure latency, CPU time and memory against the bars of this project."""
 
-    what: Positional[Literal["tick", "render", "pictures", "sensors", "soak"]] = "tick"
+    what: Positional[Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz"]] = (
+        "tick"
+    )
     """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals.
     pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
-    stand-ins for microphone and cameras. soak: the same for --minutes, and its replay."""
+    stand-ins for microphone and cameras. soak: the same for --minutes, and its replay.
+    faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
+    at every border."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
@@ -24,11 +30,19 @@ class Bench:
     device: Literal["auto", "cpu", "cuda"] = "auto"
     minutes: float = 20.0
     """How long the sensors run (soak)."""
+    times: int = 20
+    """How often each fault happens (faults)."""
+    num: int = 100_000
+    """How many damaged inputs (fuzz)."""
+    seed: int = 0
+    """Of the damage (fuzz)."""
     report: Path | None = None
     """Write the figures as JSON."""
 
     def run(self) -> None:
         from app.bars import finish
+        from app.bench_faults import measure_faults
+        from app.bench_fuzz import measure_fuzz
         from app.bench_live import measure_live_soak, measure_sensors
         from app.bench_render import measure_render
         from app.bench_soak import measure_soak
@@ -42,6 +56,10 @@ class Bench:
             report = measure_soak()
         elif self.what == "sensors":
             report = measure_sensors()
+        elif self.what == "faults":
+            report = measure_faults(self.times)
+        elif self.what == "fuzz":
+            report = measure_fuzz(self.num, self.seed)
         else:
             report = measure_live_soak(self.minutes)
         if self.report:

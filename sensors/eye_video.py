@@ -135,7 +135,7 @@ def open_video(path: Path) -> Any:
     if not path.is_file():
         raise InputError(f"{path}: expected an eye video, got no such file; check the name")
     try:
-        container = av.open(str(path))
+        container = av.open(str(path), metadata_errors="replace")
     except (av_error.FFmpegError, ValueError) as error:
         reason = str(error).splitlines()[0].split(": '")[0]
         raise InputError(
@@ -144,7 +144,8 @@ def open_video(path: Path) -> Any:
     if container.format.name == "tty":  # FFmpeg "plays" text files
         container.close()
         raise InputError(f"{path}: expected a video, got a text file; check the name")
-    if not container.streams.video:
+    streams = container.streams.video
+    if not streams or streams[0].codec_context is None:  # None: no decoder for this one
         container.close()
         raise InputError(f"{path}: expected a video, got no picture stream; check the file")
     return container
@@ -169,7 +170,7 @@ def count_pictures(path: Path) -> int:
 
     count, last = 0, None
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             for packet in container.demux(video=0):
                 if packet.size and not packet.is_corrupt:
                     count, last = count + 1, packet

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.types import SAMPLE_RATE
+from sensors.types import SAMPLE_RATE, InputError
 
 HEADER_BYTES = 44
 MAX_DATA_BYTES = 0xFFFFFFFF - HEADER_BYTES
@@ -59,6 +59,11 @@ def repair_header(path: Path) -> int:
         if len(head) < HEADER_BYTES:
             return 0
         tag, width = struct.unpack_from("<H", head, 20)[0], struct.unpack_from("<H", head, 32)[0]
+        if (tag, width) not in FORMATS.values():
+            raise InputError(
+                f"{path}: expected the sound of a session, got another header; restore it, or "
+                "make a session of what is left with: livedrive session create"
+            )
         num_samples = (size - HEADER_BYTES) // width
         file.seek(0)
         file.write(_header(tag, width, num_samples))

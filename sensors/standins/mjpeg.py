@@ -16,7 +16,10 @@ from sensors.standins.eye_pictures import eye_picture, film, jpeg, zero_middle
 from sensors.types import NS
 
 BOUNDARY = "123456789000000000000987654321"
-FAULTS = ("stall", "disconnect", "garbage", "zeroed", "wrong size", "half", "flood", "refuse")
+FAULTS = (
+    *("stall", "disconnect", "garbage", "zeroed", "wrong size", "half", "flood", "refuse"),
+    "clock jump",  # the camera's own clock: an hour ahead
+)
 
 
 class MjpegServer:
@@ -98,7 +101,7 @@ def _handler(server: MjpegServer) -> type[BaseHTTPRequestHandler]:
                 k += 1
                 if server.fault == "stall":
                     continue
-                if server.fault == "disconnect":
+                if server.fault in ("disconnect", "refuse"):
                     return
                 self._send_picture(server.payload(k, rng), due_ns, rng)
                 server.sent += 1
@@ -107,9 +110,10 @@ def _handler(server: MjpegServer) -> type[BaseHTTPRequestHandler]:
             if server.fault == "garbage":
                 self._send(rng.bytes(2000) + data)
                 return
+            ahead_ns = 3600 * NS if server.fault == "clock jump" else 0
             head = (
                 f"\r\n--{BOUNDARY}\r\nContent-Type: image/jpeg\r\nContent-Length: {len(data)}\r\n"
-                f"X-Timestamp: {t_ns // NS}.{t_ns % NS // 1000:06d}\r\n\r\n"
+                f"X-Timestamp: {(t_ns + ahead_ns) // NS}.{t_ns % NS // 1000:06d}\r\n\r\n"
             )
             self._send(head.encode())
             self._send(data)
