@@ -34,11 +34,15 @@ class DriveOptions(NetworkOptions):
     pictures: Path | None = None
     """Write PNG pictures into this folder."""
     every: int = 30
-    """Frames from one picture to the next."""
+    """Frames from one picture, PLY or glTF to the next."""
     motion: Path | None = None
     """Write codes, gaze, blendshapes and vertices, e.g. out.npz."""
     arkit: Path | None = None
     """Write a Live Link Face table, e.g. out.csv."""
+    ply: Path | None = None
+    """Write the Gaussians of every n-th frame into this folder, as PLY."""
+    gltf: Path | None = None
+    """Write the Gaussians of every n-th frame into this folder, as glTF."""
     report: Path | None = None
     """Write timings and settings, e.g. out.json."""
     window: bool = False
@@ -73,9 +77,7 @@ class DriveOptions(NetworkOptions):
             )
         from encoder.inference import choose_condition, load_driver
 
-        return load_driver(
-            device=self.device, condition=choose_condition(self.condition, has_eyes)
-        )
+        return load_driver(device=self.device, condition=choose_condition(self.condition, has_eyes))
 
     def drive(
         self,
@@ -151,7 +153,8 @@ class DriveOptions(NetworkOptions):
             f"tick p50 {tick['p50_ms']:.1f} ms, p99 {tick['p99_ms']:.1f} ms, "
             f"{report['renderer']}, {report['backend']}"
         )
-        for path in (self.video, self.pictures, self.motion, self.arkit, self.report):
+        files = (self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf)
+        for path in (*files, self.report):
             if path:
                 print(f"wrote {path.resolve()}")
 
@@ -182,10 +185,12 @@ class DriveOptions(NetworkOptions):
 
     def _sinks(self, decoder: "Decoder", who: "Identity") -> list["Sink"]:
         from app.sinks.arkit import ArkitSink
+        from app.sinks.clouds import CloudSink, ply_bytes
         from app.sinks.motion import MotionSink
         from app.sinks.pictures import PictureSink
         from app.sinks.video import VideoSink
         from app.sinks.virtual_camera import VirtualCameraSink
+        from render.gltf import gltf_bytes
 
         sinks: list[Sink] = []
         if self.video:
@@ -196,6 +201,10 @@ class DriveOptions(NetworkOptions):
         if self.virtual_camera:
             device = None if self.virtual_camera == "auto" else self.virtual_camera
             sinks.append(VirtualCameraSink(device))
+        if self.ply:
+            sinks.append(CloudSink(self.ply, self.every, ".ply", ply_bytes, decoder, who))
+        if self.gltf:
+            sinks.append(CloudSink(self.gltf, self.every, ".glb", gltf_bytes, decoder, who))
         if self.motion:
             sinks.append(MotionSink(self.motion, decoder, who))
         if self.arkit:
