@@ -104,8 +104,9 @@ class Screen:
     def _pace(self) -> None:
         now_ns = time.monotonic_ns()
         if self.context.software:
-            mode = glfw.get_video_mode(glfw.get_primary_monitor())
-            period_ns = NS // (mode.refresh_rate or FALLBACK_HZ)
+            monitor = glfw.get_primary_monitor()
+            hz = glfw.get_video_mode(monitor).refresh_rate if monitor else 0
+            period_ns = NS // (hz or FALLBACK_HZ)
             cost_ns = now_ns - self._began_ns
             self._next_ns = max(
                 self._next_ns + period_ns,  # the display's grid
