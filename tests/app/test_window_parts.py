@@ -1,12 +1,14 @@
 """The parts of the window that need no screen: shared memory, layout, eye marks, wishes."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.controls import Controls, hushed
-from app.loop import drive
+from app.loop import Head, drive
+from app.replay import Replay
 from app.sinks.sink import FrameResult, RunInfo
 from app.stages import Stages
 from app.window.eyes import EyeMarks
@@ -16,8 +18,9 @@ from app.window.shared import SLOTS, SharedMemory
 from encoder.driver import DrivenFrame
 from render import identity
 from render.decoder import Decoder
+from render.identity import Identity
 from sensors.clock import ManualClock
-from sensors.types import NS, SAMPLES_PER_FRAME, AudioPacket, EyePacket, SourceInfo
+from sensors.types import NS, SAMPLES_PER_FRAME, AudioPacket, EyePacket, InputError, SourceInfo
 
 AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
@@ -188,6 +191,37 @@ def test_the_loop_mutes_starts_anew_and_ends_when_asked() -> None:
     steps = [steps for steps, _ in run(Wishes(recentre=6))]
     assert steps == [0, 1, 2, 3, 4, 5, 106, 107, 108, 109]  # once, and nothing is forgotten
     assert len(run(Wishes(closed=3))) == 3
+
+
+def test_the_loop_draws_the_avatar_that_is_picked() -> None:
+    class Drawing:
+        """Decoder and renderer in one: remembers whom it drew."""
+
+        def __init__(self) -> None:
+            self.drawn: list[str] = []
+
+        def decode(self, expression: object, gaze: object, who: Identity) -> tuple[None, None]:
+            self.drawn.append(who.name)
+            return None, None
+
+        def draw(self, gaussians: object, camera: object) -> None: ...
+        def read_rgba(self) -> np.ndarray:
+            return np.zeros((4, 4, 4), np.uint8)
+
+    class Picks(Wishes):
+        def read(self) -> Controls:
+            return replace(super().read(), avatar="ben" if self.ticks <= 4 else "kofi")
+
+    drawing, clock, info = Drawing(), ManualClock(), RunInfo(4, 4, None)
+    head = Head(drawing, identity.load("ben"), drawing, None)  # type: ignore[arg-type]
+    rest = (clock, Stages(), info, 0, False, Picks())
+    drive(Sound(), Steps(), head, [Keep()], *rest)  # type: ignore[arg-type]
+    assert drawing.drawn == ["ben"] * 4 + ["kofi"] * 6
+
+
+def test_a_window_has_the_pace_of_the_recording() -> None:
+    with pytest.raises(InputError, match="--fast or --window"):
+        Replay(session=Path("recordings/smoke"), fast=True, window=True).run()
 
 
 def test_muting_hushes_sound_and_leaves_pictures() -> None:
