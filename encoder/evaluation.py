@@ -5,7 +5,7 @@ frames (the paper's), their audio features come from the whole clip, so that lou
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +23,6 @@ from encoder.gaze_walk import synthesise
 Floats = NDArray[np.float32]
 TEACHER_STEPS = 40
 BATCH = 16  # segments at once
-LONGEST_CLIP = 600  # frames of one clip that are used
 LEVELS = 3  # frames of loudness that the energy-to-jaw baseline hears
 Row = Callable[[int], Floats]  # seed of a sample -> codes [S, 100, 256]
 
@@ -53,38 +52,57 @@ class Segment:
         return self.clip.phones[self.frames].astype(np.int64)
 
 
+def group_of(clip: Clip) -> str:
+    """What a test clip is judged with: freeform, sentence, its language, or the real speaker."""
+    if clip.kind == "language":  # voices are named engine-language+variant
+        return f"language {clip.voice.split('-', 1)[-1].split('+')[0]}"
+    return clip.voice if clip.truth == "tracked" else clip.kind or clip.truth
+
+
 def held_out_segments(pack: Path, count: int, seed: int = 0) -> dict[str, list[Segment]]:
-    """Up to `count` random segments of each kind of test clip: freeform, sentence, grid, ..."""
-    kinds: dict[str, list[Segment]] = {}
+    """Up to `count` random segments of each group of test clips."""
+    groups: dict[str, list[Clip]] = {}
     for clip in iter_pack(pack, "test"):
         if clip.truth in ("rules", "tracked"):
-            segments = (Segment(clip, s) for s in clip.segments() if s.stop <= LONGEST_CLIP)
-            kinds.setdefault(clip.kind or clip.truth, []).extend(segments)
-    rng = np.random.default_rng(seed)
-    return {
-        kind: [found[i] for i in sorted(rng.permutation(len(found))[:count])]
-        for kind, found in sorted(kinds.items())
-        if found
-    }
+            groups.setdefault(group_of(clip), []).append(clip)
+    result = {}
+    for name, clips in sorted(groups.items()):
+        if all(clip.num_frames < 2 * SEGMENT_FRAMES for clip in clips):
+            clips = [joined(clips)]  # single short sentences
+        found = [Segment(clip, part) for clip in clips for part in clip.segments()]
+        chosen = sorted(np.random.default_rng(seed).permutation(len(found))[:count])
+        result[name] = [found[i] for i in chosen]
+    return {name: segments for name, segments in result.items() if segments}
+
+
+def joined(clips: Sequence[Clip]) -> Clip:
+    """Clips end to end, with the labels of the first."""
+    names = ("audio", "rig", "gaze", "phones", "tongue")
+    arrays = {name: np.concatenate([getattr(clip, name) for clip in clips]) for name in names}
+    return replace(clips[0], **arrays)
 
 
 @torch.no_grad()
 def features(
     segments: Sequence[Segment], encode: Callable[[Tensor], Tensor], ahead: int = 0
 ) -> Tensor:  # [S, 100, A]
-    """`encode`: sound [800 T] of a clip up to the segment's end -> features [T, A].
+    """`encode`: sound [800 T] of a clip from its start -> features [T, A].
 
     ahead: hear so many frames later (after the clip: silence), for models with a lookahead.
     """
-    rows = []
-    for segment in segments:
-        stop = (segment.frames.stop + ahead) * PACK_SAMPLES_PER_FRAME
-        heard = np.asarray(segment.clip.audio[:stop], np.float32) / 32768
-        sound = np.zeros(stop, np.float32)
-        sound[: len(heard)] = heard
-        encoded = encode(torch.tensor(sound))
-        rows.append(encoded[segment.frames.start + ahead : segment.frames.stop + ahead])
-    return torch.stack(rows)
+    encoded: dict[int, Tensor] = {}
+    for segment in segments:  # each clip once, up to its last segment
+        clip = segment.clip
+        if id(clip) not in encoded:
+            last = max(s.frames.stop for s in segments if s.clip is clip) + ahead
+            stop = last * PACK_SAMPLES_PER_FRAME
+            heard = np.asarray(clip.audio[:stop], np.float32) / 32768
+            sound = np.zeros(stop, np.float32)
+            sound[: len(heard)] = heard
+            encoded[id(clip)] = encode(torch.tensor(sound))
+    return torch.stack(
+        [encoded[id(s.clip)][s.frames.start + ahead : s.frames.stop + ahead] for s in segments]
+    )
 
 
 def whole(encoder: AudioEncoder) -> Callable[[Tensor], Tensor]:

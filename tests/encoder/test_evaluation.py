@@ -132,3 +132,19 @@ def test_best_of_several_draws_is_better_than_their_mean(segments):
     off[..., 0] = 0.2
     figures = judging.judge([codes, off], truth, mesh())
     assert figures["lve_best_mm"] == 0 and figures["lve_mm"] == pytest.approx(1)
+
+
+def test_short_sentences_are_joined_by_language(tmp_path):
+    clips = [
+        dataset.make_clip(
+            np.zeros(70 * 1600), np.full((70, len(RIG_NAMES)), 0.1 * k), np.zeros((70, 2, 3)),
+            np.zeros(70), truth="rules", voice=voice, kind="language", split="test",
+        )
+        for k, voice in enumerate(("espeak-de+m5", "espeak-de+f4", "espeak-fr+f1", "espeak-fr+m2"))
+    ]  # fmt: skip
+    shard = dataset.write_shard(tmp_path / "shard", clips)
+    dataset.write_manifest(tmp_path, [shard], {})
+    groups = evaluation.held_out_segments(tmp_path, 5)
+    assert list(groups) == ["language de", "language fr"]
+    (segment,) = groups["language de"]
+    assert segment.rig[:70].max() == 0 and segment.rig[70:].min() == pytest.approx(0.1, abs=1e-3)
