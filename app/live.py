@@ -25,7 +25,8 @@ class LiveOptions:
     See: livedrive devices."""
     eyes: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SPEC ...")] = ()
     """One camera for both eyes, or left and right: uvc:0, http://host:81/, serial:/dev/ttyACM0,
-    usb:35bd:0202, file:eye.mkv, session:DIR; after a #: swap, mirror, turn=90, crop=X:Y:W:H."""
+    usb:35bd:0202, file:eye.mkv, session:DIR; after a #: swap, mirror, turn=90, crop=X:Y:W:H,
+    or profile=NAME."""
     seconds: float | None = None
     """End by itself after so much sound."""
 

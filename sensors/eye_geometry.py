@@ -1,7 +1,7 @@
 """What is known of a headset's eye cameras: how their pictures become two 400 x 400 views.
 
-Flow: Shot -> EyeGeometry.views -> EyePacket. A typed profile for each known device; `custom` is
-where a user starts. Every change keeps the type: `replace(profile("custom"), swap=True)`.
+Flow: Shot -> EyeGeometry.views -> EyePacket. A typed profile for each known device, chosen by
+`--eyes SPEC#profile=NAME`; `custom` is where a user starts: save it, change it, and name the file.
 """
 
 import json
@@ -97,6 +97,33 @@ def profile(name: str) -> EyeGeometry:
 def profile_of_usb(identity: str) -> EyeGeometry | None:
     """The known device with this VENDOR:PRODUCT, if any."""
     return next((g for g in PROFILES.values() if g.usb == identity.lower()), None)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ProfileViews(Views):
+    """A profile as the views of one of its cameras."""
+
+    geometry: EyeGeometry
+    camera: int = 0
+
+    def cut(
+        self,
+        image: NDArray[np.uint8],  # [H, W]
+    ) -> list[tuple[int, NDArray[np.uint8]]]:
+        return self.geometry.views(image, self.camera)
+
+
+def views_of(geometry: EyeGeometry, eyes: tuple[int, ...]) -> ProfileViews:
+    """Of the camera that shows `eyes`: both, or one of two cameras, left first."""
+    if geometry.side_by_side != (len(eyes) == 2):
+        expected = "one camera" if geometry.side_by_side else "two cameras, left and right"
+        raise InputError(
+            f"eye profile {geometry.name}: expected {expected}, got "
+            f"{'one' if len(eyes) == 2 else 'two'}; give --eyes {expected}"
+        )
+    camera = 0 if geometry.side_by_side else eyes[0]
+    shown = (1 - camera,) if geometry.swap and not geometry.side_by_side else eyes
+    return ProfileViews(eyes=shown, geometry=geometry, camera=camera)
 
 
 def parse(words: object, where: str) -> EyeGeometry:

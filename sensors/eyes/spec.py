@@ -7,7 +7,8 @@
     file:eye.mkv  session:DIR       recorded pictures, played over and over
 
 One SPEC shows both eyes side by side, two are left and right. After a `#` may come, with commas
-between: eye=left | eye=right, swap, mirror, turn=90 | 180 | 270, crop=X:Y:WIDTH:HEIGHT.
+between: eye=left | eye=right, swap, mirror, turn=90 | 180 | 270, crop=X:Y:WIDTH:HEIGHT; or alone
+profile=NAME | FILE.json, a device of sensors/eye_geometry.py.
 """
 
 import re
@@ -16,6 +17,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from sensors.eye_geometry import EyeGeometry, profile, views_of
 from sensors.eye_video import open_video
 from sensors.eyes.camera import Connect, EyeCamera
 from sensors.eyes.views import Views
@@ -63,6 +65,11 @@ def parse(text: str, eyes: tuple[int, ...] = (0, 1)) -> CameraSpec:
             "see: livedrive devices"
         )
     views = Views(eyes=eyes)
+    if options.startswith("profile="):
+        name = options.removeprefix("profile=")
+        path = Path(name)
+        known = EyeGeometry.load(path) if path.suffix == ".json" else profile(name)
+        return CameraSpec(scheme, target, views_of(known, eyes))
     for option in filter(None, options.split(",")):
         views = _with_option(views, option)
     return CameraSpec(scheme, target, views)
@@ -84,7 +91,7 @@ def _with_option(views: Views, option: str) -> Views:
             return replace(views, crop=(x, y, width, height))
     raise InputError(
         f"--eyes: expected after the # eye=left, eye=right, swap (of one camera for both), mirror, "
-        f"turn=90 or crop=X:Y:WIDTH:HEIGHT (at least 32 x 32), got {option!r}"
+        f"turn=90, crop=X:Y:WIDTH:HEIGHT (at least 32 x 32), or profile=NAME alone, got {option!r}"
     )
 
 

@@ -16,8 +16,10 @@ from sensors.eye_geometry import (
     parse,
     profile,
     profile_of_usb,
+    views_of,
 )
 from sensors.eyes.picture import BadPictureError
+from sensors.eyes.spec import parse as parse_spec
 from sensors.types import InputError
 
 
@@ -123,3 +125,28 @@ def test_bad_profiles_are_one_line(words: object, expected: str, tmp_path: Path)
         EyeGeometry.load(tmp_path / "p.json")
     with pytest.raises(InputError, match="try eyetrackvr"):
         profile("eyetrackr")
+
+
+def test_a_spec_names_its_profile(tmp_path: Path) -> None:
+    image = picture(400, 800)
+    spec = parse_spec("usb:35bd:0202#profile=bigscreen-beyond-2e")
+    known = profile("bigscreen-beyond-2e")
+    expected = known.views(image)
+    assert spec.views.eyes == (0, 1)
+    for (eye, view), (other, same) in zip(expected, spec.views.cut(image), strict=True):
+        assert eye == other and np.array_equal(view, same)
+    replace(profile("custom"), swap=True, exposure=False).save(tmp_path / "mine.json")
+    mine = parse_spec(f"uvc:0#profile={tmp_path / 'mine.json'}")
+    assert np.array_equal(dict(mine.views.cut(image))[0], image[:, 400:])
+    with pytest.raises(InputError, match="expected one of"):
+        parse_spec("uvc:0#profile=nothing")
+
+
+def test_a_profile_says_how_many_cameras() -> None:
+    with pytest.raises(InputError, match="two cameras"):
+        views_of(profile("eyetrackvr"), (0, 1))
+    with pytest.raises(InputError, match="one camera"):
+        views_of(profile("bigscreen-beyond-2e"), (0,))
+    assert views_of(replace(profile("eyetrackvr"), swap=True), (0,)).eyes == (1,)
+    right = views_of(profile("eyetrackvr"), (1,))
+    assert right.eyes == (1,) and [eye for eye, _ in right.cut(picture(240, 240))] == [1]
