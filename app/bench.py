@@ -7,21 +7,19 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz"]
+What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web"]
 
 
 @dataclass(kw_only=True)
 class Bench:
     """Measure latency, CPU time and memory against the bars of this project."""
 
-    what: Positional[Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz"]] = (
-        "tick"
-    )
+    what: Positional[What] = "tick"
     """tick: every stage, at the pace of a live run. render: the splat renderer and its rivals.
     pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
     stand-ins for microphone and cameras. soak: the same for --minutes, and its replay.
     faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
-    at every border."""
+    at every border. web: --minutes of sending by every protocol, a page, a hostile crowd."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
@@ -29,7 +27,7 @@ class Bench:
     """Width and height of the picture in pixels (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     minutes: float = 20.0
-    """How long the sensors run (soak)."""
+    """How long the sensors run (soak), or ticks are sent (web)."""
     times: int = 20
     """How often each fault happens (faults)."""
     num: int = 100_000
@@ -47,6 +45,7 @@ class Bench:
         from app.bench_render import measure_render
         from app.bench_soak import measure_soak
         from app.bench_tick import measure_tick
+        from app.bench_web import measure_web
 
         if self.what == "tick":
             report = measure_tick(self.session, self.avatar, self.size, self.device)
@@ -58,6 +57,8 @@ class Bench:
             report = measure_sensors()
         elif self.what == "faults":
             report = measure_faults(self.times)
+        elif self.what == "web":
+            report = measure_web(self.session, self.avatar, self.minutes)
         elif self.what == "fuzz":
             report = measure_fuzz(self.num, self.seed)
         else:

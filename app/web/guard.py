@@ -18,7 +18,7 @@ COOKIE = "livedrive"
 MAX_CONNECTIONS = 64
 MAX_ACCEPTS = 60  # new connections in ACCEPT_S; more are closed unheard
 ACCEPT_S = 1.0
-IDLE_S = 10.0  # a connection must have become a WebSocket by then
+IDLE_S = 5.0  # a connection must have become a WebSocket by then
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 

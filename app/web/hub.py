@@ -29,6 +29,12 @@ class Hub:
         for box in self._boxes:
             self.dropped += box.put(message)
 
+    async def drain(self, patience_s: float) -> None:
+        """Return when all boxes are empty, or when patience ends."""
+        end = asyncio.get_running_loop().time() + patience_s
+        while any(self._boxes) and asyncio.get_running_loop().time() < end:
+            await asyncio.sleep(0.01)
+
     async def serve(self, request: web.Request, first: list[bytes]) -> web.WebSocketResponse:
         """Send `first`, then whatever is posted, until the listener leaves or misbehaves."""
         if len(self._boxes) >= MAX_LISTENERS:
@@ -94,6 +100,9 @@ class _Box:
     def __init__(self, depth: int) -> None:
         self._waiting: deque[bytes] = deque(maxlen=depth)
         self._filled = asyncio.Event()
+
+    def __len__(self) -> int:
+        return len(self._waiting)
 
     def put(self, message: bytes) -> bool:
         """True: an older message had to go."""

@@ -28,7 +28,7 @@ from encoder.driver import DrivenFrame
 
 PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
-JSON_DEPTH = 8  # ticks that may wait for a program; for a page only the newest does
+JSON_DEPTH = 30  # ticks that may wait for a program; for a page only the newest does
 STATUS_S = 0.5
 SHUTDOWN_S = 0.5  # what still talks after that is cut off
 HEADERS = {
@@ -80,6 +80,7 @@ class WebServer:
             await asyncio.wait([ended], timeout=STATUS_S)
             self._tell(**self.counts())  # also once at the end
         loop.remove_reader(self._end)
+        await self._names.drain(SHUTDOWN_S)
         server.close()
         await runner.cleanup()
 

@@ -35,6 +35,11 @@ class WebSink:
         )
         theirs.close()
 
+    @property
+    def pid(self) -> int:
+        """Of the server's process."""
+        return self._process.pid
+
     def on_start(self, info: RunInfo) -> None:
         start_ns = self._clock.now_ns()
         while "addresses" not in self.link.status:

@@ -1,0 +1,82 @@
+"""A crowd of bad clients: `python -m app.bench_crowd ADDRESS NUM SECONDS`, for `bench web`.
+
+A quarter connects and leaves, a quarter never reads, a quarter floods, a quarter sends garbage.
+They run at the lowest priority, because true strangers do not take this machine's CPU.
+"""
+
+import asyncio
+import os
+import sys
+from collections.abc import Awaitable, Callable
+from urllib.parse import urlsplit
+
+import numpy as np
+
+FLOOD = b"x" * 900
+PATIENCE_S = 5.0
+
+
+class Crowd:
+    """Each client does its worst until the time is over."""
+
+    def __init__(self, address: str, num: int, seconds: float, seed: int = 0) -> None:
+        self._address = address
+        parts = urlsplit(address)
+        self._host, self._port = parts.hostname or "127.0.0.1", parts.port or 80
+        self._num, self._seconds = num, seconds
+        self._rng = np.random.default_rng(seed)
+
+    async def run(self) -> None:
+        manners = (self._connect, self._stall, self._flood, self._send_garbage)
+        end = asyncio.get_running_loop().time() + self._seconds
+        clients = [self._go_on(manners[k % len(manners)], end) for k in range(self._num)]
+        await asyncio.gather(*clients)
+
+    async def _go_on(self, manner: Callable[[], Awaitable[None]], end: float) -> None:
+        import aiohttp
+
+        clock = asyncio.get_running_loop().time
+        while (left := end - clock()) > 0:
+            try:
+                async with asyncio.timeout(min(left, PATIENCE_S)):
+                    await manner()
+            except (aiohttp.ClientError, OSError, TimeoutError):
+                await asyncio.sleep(0.02)  # refused: try again
+
+    async def _connect(self) -> None:
+        _, writer = await asyncio.open_connection(self._host, self._port)
+        writer.close()
+
+    async def _stall(self) -> None:
+        """Ask for the stream and never read it."""
+        import aiohttp
+
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{self._address}head", max_msg_size=0),
+        ):
+            await asyncio.sleep(PATIENCE_S)
+
+    async def _flood(self) -> None:
+        import aiohttp
+
+        async with (
+            aiohttp.ClientSession() as session,
+            session.ws_connect(f"{self._address}json") as ws,
+        ):
+            while True:
+                await ws.send_bytes(FLOOD)
+
+    async def _send_garbage(self) -> None:
+        reader, writer = await asyncio.open_connection(self._host, self._port)
+        try:
+            writer.write(self._rng.bytes(20_000))
+            await writer.drain()
+            await reader.read()
+        finally:
+            writer.close()
+
+
+if __name__ == "__main__":
+    os.nice(19)
+    asyncio.run(Crowd(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])).run())
