@@ -74,6 +74,21 @@ def test_a_lost_microphone_becomes_silence_and_comes_back_in_its_place() -> None
     assert not heard[20 * BLOCK : 56 * BLOCK].any()
 
 
+def test_what_comes_back_too_late_is_cut_to_the_sample() -> None:
+    timeline = AudioTimeline(START)
+    (silence,) = timeline.fill(START + 10 * BLOCK_NS + PATIENCE_NS)
+    end = silence.first_sample + len(silence.samples)
+    end_ns = START + end * NS // SAMPLE_RATE
+    ramp = np.arange(BLOCK, dtype=np.float32)
+    assert timeline.push(AudioPacket(end_ns - BLOCK_NS, 0, ramp)) == []
+    (cut,) = timeline.push(AudioPacket(end_ns - 100 * NS // SAMPLE_RATE, BLOCK, ramp))
+    assert cut.first_sample == end
+    assert cut.samples[0] == pytest.approx(100, abs=1)
+    assert abs(cut.t_ns - end_ns) <= NS // SAMPLE_RATE
+    (whole,) = timeline.push(AudioPacket(cut.t_ns + 1, 2 * BLOCK, ramp))
+    assert whole.first_sample == end + len(cut.samples)
+
+
 def test_a_microphone_that_starts_late_or_counts_on_is_placed_by_its_time() -> None:
     timeline = AudioTimeline(START)
     first = timeline.push(block(3, counter=77_000))

@@ -117,6 +117,27 @@ def test_a_camera_survives_its_failures(
     assert (camera.state, camera.problem) == ("live", "")
 
 
+def test_a_slow_reader_gets_the_newest_four(
+    server: MjpegServer, start: Callable[..., EyeCamera]
+) -> None:
+    camera = start(server.url + "#eye=left")
+    wait_until(lambda: camera.counts.pictures > 20, "pictures that nobody takes")
+    counters = [p.counter for p in camera.poll()]
+    assert len(counters) == 4
+    assert counters == sorted(counters)
+    assert counters[-1] >= 20
+    assert camera.counts.unused >= 16
+
+
+def test_a_camera_that_sends_only_damage_is_connected_again(
+    server: MjpegServer, start: Callable[..., EyeCamera]
+) -> None:
+    server.fault = "zeroed"
+    camera = start(server.url + "#eye=left")
+    wait_until(lambda: camera.counts.connects > 1, "a new attempt")
+    assert camera.counts.pictures == 0
+
+
 def test_a_camera_that_is_not_there_is_found_when_it_comes(start: Callable[..., EyeCamera]) -> None:
     server = MjpegServer(FILM)
     url = server.url
