@@ -123,7 +123,7 @@ class SendSink:
             target.close()
 
     def report(self) -> dict[str, Any]:
-        """{url: {sent, lost, reconnects, dropped, p50_ms, p99_ms, cpu_ms}}: ticks and their cost."""
+        """{url: {sent, lost, reconnects, dropped, p50_ms, p99_ms, cpu_ms}}: ticks and costs."""
         return {t.url: {**t.report(), "dropped": self.dropped} for t in self._targets}
 
     def _run(self) -> None:
