@@ -19,7 +19,7 @@ class Recorder(Protocol):
 
 
 class Tape:
-    """Each time that recording is wished for makes a session of its own; no tick waits for a disk."""
+    """Each wish to record makes a session of its own; no tick waits for a disk."""
 
     def __init__(self, first: Path | None, record_to: Callable[[Path], Recorder]) -> None:
         """With a `first` folder the tape is on from the start. Raises InputError where it holds
