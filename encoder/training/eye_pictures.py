@@ -57,7 +57,7 @@ class EyePictures:
         return EyePictures(
             rows["pictures"].reshape(-1, SIDE, SIDE),
             gaze.reshape(-1, 2),
-            rows["lids"].astype(np.float32).reshape(-1),
+            np.clip(rows["lids"].astype(np.float32), 0, 1).reshape(-1),
             rows["rig"].astype(np.float32).reshape(-1, len(RIG)),
             np.repeat(rows["subject"].astype(np.int32), 2),
         )
@@ -93,12 +93,12 @@ def _sometimes(count: int, chance: float) -> Tensor:  # [B, 1, 1] bool
 def moved(x: Tensor) -> Tensor:
     """[B, 100, 100] seen by a camera that sits nearer, elsewhere, a little turned."""
     count = len(x)
-    zoom = torch.exp(torch.empty(count).uniform_(-0.13, 0.13))
-    close = torch.rand(count) < 0.12  # cameras made at home sit closer
+    zoom = torch.exp(torch.empty(count).uniform_(-0.1, 0.1))
+    close = torch.rand(count) < 0.08  # cameras made at home sit closer
     zoom = torch.where(close, zoom * torch.empty(count).uniform_(1.2, 1.7), zoom)
     roll = torch.empty(count).uniform_(-0.06, 0.06)
     cos, sin = roll.cos() / zoom, roll.sin() / zoom
-    shift = torch.empty(2, count).uniform_(-0.16, 0.16)
+    shift = torch.empty(2, count).uniform_(-0.08, 0.08)
     rows = torch.stack([cos, -sin, shift[0], sin, cos, shift[1]], 1).reshape(count, 2, 3)
     grid = functional.affine_grid(rows, [count, 1, SIDE, SIDE], align_corners=False)
     y = functional.grid_sample(x[:, None], grid, padding_mode="border", align_corners=False)
@@ -116,12 +116,12 @@ def lit(x: Tensor) -> Tensor:
     for _ in range(2):  # glints, wherever the lamps sit
         place, size = 0.25 * torch.randn(2, count, 1), _spread(count, 0.02, 0.07)[..., 0]
         across, down = (torch.exp(-(((ramp - p) / size) ** 2)) for p in place)
-        light = _spread(count, 60, 255) * _sometimes(count, 0.4)
+        light = _spread(count, 60, 255) * _sometimes(count, 0.2)
         x = torch.baddbmm(x, (light * down[..., None]), across[:, None])
     # the rim of the lens, or a cable, before a part of the picture
     angle = _spread(count, 0, 2 * torch.pi)
     beyond = ramp * angle.cos() + ramp[:, None] * angle.sin() > _spread(count, 0.65, 1.2)
-    x = torch.where(beyond & _sometimes(count, 0.3), _spread(count, 0, 120), x)
+    x = torch.where(beyond & _sometimes(count, 0.15), _spread(count, 0, 120), x)
     return (x + torch.randn_like(x) * _spread(count, 0, 6)).clamp(0, 255)
 
 
