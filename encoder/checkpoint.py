@@ -61,6 +61,7 @@ def load(path: Path | str, *kinds: str) -> tuple[dict[str, Tensor], dict[str, An
 
     path = Path(path)
     stage = "diffusion" if {"diffusion", "student"} & {*kinds} else "audio"
+    stage = "eyes" if "eyes" in kinds else stage
 
     def fail(expected: str, got: object) -> InputError:
         remedy = f"restore the file or run `livedrive train {stage}`"

@@ -83,7 +83,7 @@ def test_synthesised_features_are_the_networks() -> None:
 
 
 def test_loads_what_was_saved(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="expected a .safetensors"):
+    with pytest.raises(InputError, match="livedrive train eyes"):
         load_eye_encoder(tmp_path)
     made = net()
     card = {"kind": "eyes", "config": asdict(made.config)}
