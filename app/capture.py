@@ -28,10 +28,8 @@ class Capture:
     """Rule-made subjects; default: as the preset."""
     hours: float | None = None
     """Hours of the rule-made subjects together; default: as the preset."""
-    eye_pairs: int | None = None
-    """Pictures of both eyes to render; default: as the preset (debug 24, others none)."""
-    eye_size: Literal[100, 200, 400] = 200
-    """Side of the stored eye pictures; they are rendered at 400."""
+    eyes: int = 0
+    """Pairs of eye pictures to render beside the curves, e.g. 40000."""
     speech: Path | None = None
     """Folder of real speech with a transcripts.tsv, e.g. ../shared/speech."""
     mocap: Path | None = None
@@ -48,8 +46,6 @@ class Capture:
     """inspect: whose clip; default: the first."""
     clip: int = 0
     """inspect: which clip of the subject."""
-    eyes: Path | None = None
-    """inspect: also write a sheet of eye pictures beside frames of this real eye video."""
     text: tuple[str, ...] = ()
     """session: sentences to say."""
     voice: str = "slt"
@@ -103,5 +99,10 @@ class Capture:
                 f"capture: expected at least 1 subject and 0-10000 hours, got {config.subjects} "
                 f"and {config.hours}; change --subjects or --hours"
             )
-        print(json.dumps(build(folder, config, self.processes), indent=1))
+        made = build(folder, config, self.processes)
+        if self.eyes:
+            from app.capture_eyes import draw_pairs
+
+            made["eye_pairs"] = draw_pairs(folder, self.eyes, self.seed, self.processes)
+        print(json.dumps(made, indent=1))
         print(f"next: livedrive capture statistics {folder}")

@@ -67,14 +67,13 @@ def _packets(
 
     from render import identity
     from render.decoder import Decoder
-    from render.near_eye import draw_eyes
-    from render.renderer import create_renderer
+    from render.near_eye import NearEye
+    from render.near_eye_look import Look
 
-    decoder, who, renderer = Decoder.load(), identity.load(command.avatar), create_renderer()
+    renderer = NearEye(Decoder.load())
+    wearer = renderer.wear(identity.load(command.avatar), Look.draw(rng), rng)
     for t in tqdm(range(frames), unit="frame", desc="capturing"):
-        expression = decoder.encode(motion.rig[t].astype(np.float32))
-        _, gaussians = decoder.decode(expression, motion.gaze[t].astype(np.float32), who)
-        eyes = draw_eyes(gaussians, who.eye_centers, renderer, rng)
+        eyes = renderer.draw(wearer, motion.rig[t], motion.gaze[t], rng).pictures
         first = t * SAMPLES_PER_FRAME
         samples = sound[first : first + SAMPLES_PER_FRAME].astype(np.float32)
         end_ns = (t + 1) * NS // FPS

@@ -1,54 +1,270 @@
 """The headset's two eye cameras, simulated: infrared pictures of the eyes from a few centimetres.
 
-Draws the decoder's Gaussians from a camera below each eye. First version: the red channel stands
-for infrared, with the sensor's vignette and noise; no glints, no lens distortion.
+Draws the decoder's mesh around each eye with its own shading: skin in infrared, an eyeball with
+cornea, iris, pupil and the mirror images of the lamps, lashes and brows; then the camera's lens
+and noise. Truth is exact: gaze and lids are what was drawn. Off the live path: the capture stage
+and tests use it. The right eye is drawn as a mirrored left eye and flipped at the end.
 """
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render import near_eye_parts as parts
 from render.cameras import look_at
-from render.types import Camera, Gaussians, Renderer
+from render.contexts import GLContext, create_context
+from render.decoder import Decoder
+from render.identity import Identity
+from render.near_eye_look import MAX_LEDS, Look
+from render.near_eye_sensor import expose
+
+if TYPE_CHECKING:
+    import moderngl
 
 SIZE_PX = 400
-DISTANCE_MM = 62.0
-BELOW_DEG, OUTWARD_DEG = 22.0, 12.0  # the camera sits at the lower outer rim of the lens
-FIELD_OF_VIEW_DEG = 46.0
-NOISE = 2.0  # standard deviation in grey levels
+GRAIN_PX = 512  # of the noise texture, for 40 mm of skin
+EYEBALL_MM = 15.0  # of the face data: its lids lie on a ball of this radius
+SHUT_GAIN = 0.2  # the rig's eyeBlink leaves a slit of a millimetre: this closes it
+SHADERS = Path(__file__).parent / "shaders"
+Floats = NDArray[np.float32]
 
 
-def eye_camera(eye_center: NDArray[np.float32], eye: int) -> Camera:
-    """Camera of one eye (0 = left) around its centre [3] mm."""
-    outward = np.radians(OUTWARD_DEG) * (1 if eye == 0 else -1)
-    below = np.radians(BELOW_DEG)
+class EyePair(NamedTuple):
+    """One moment, left eye first."""
+
+    pictures: NDArray[np.uint8]  # [2, 400, 400]
+    lids: Floats  # [2] opening: 0 shut, 1 as at rest
+
+
+@dataclass(frozen=True)
+class Wearer:
+    """One person in one headset: what stays the same over a clip."""
+
+    identity: Identity
+    look: Look
+    skins: tuple[parts.EyeSkin, parts.EyeSkin]
+    strands: tuple[parts.Strands, parts.Strands]
+
+
+class NearEye:
+    """Both eye cameras; holds the GL programs. One at a time in a process."""
+
+    def __init__(self, decoder: Decoder, backend: str = "auto") -> None:
+        self.decoder = decoder
+        self.context: GLContext = create_context(backend)
+        gl = self.context.gl
+        vertex = (SHADERS / "near_eye.vert.glsl").read_text()
+        common = (SHADERS / "near_eye_common.glsl").read_text()
+        self.programs: dict[str, moderngl.Program] = {
+            name: gl.program(vertex, common + (SHADERS / f"near_eye_{name}.frag.glsl").read_text())
+            for name in ("skin", "ball", "hair")
+        }
+        self.target = gl.framebuffer(
+            [gl.texture((SIZE_PX, SIZE_PX), 1, dtype="f4")],
+            gl.depth_renderbuffer((SIZE_PX, SIZE_PX)),
+        )
+        self.ball = self._buffer("ball", *_sphere())
+        self.grains = gl.texture((GRAIN_PX, GRAIN_PX), 4, _grain_texture().tobytes())
+        self.grains.filter = (gl.LINEAR, gl.LINEAR)
+
+    def close(self) -> None:
+        """Free the context; may be called twice."""
+        self.context.gl.release()
+
+    def wear(self, identity: Identity, look: Look, rng: np.random.Generator) -> Wearer:
+        """Put the headset on somebody: cut the skin around both eyes and grow lashes and brows."""
+        decoder, ahead = self.decoder, np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+        rest = decoder.encode(np.zeros(len(decoder.rig_names), np.float32))
+        neutral = np.asarray(decoder.vertices(rest, ahead, identity))
+        regions = decoder.regions
+        skins = [
+            parts.eye_skin(
+                neutral, decoder.faces, identity.eye_centers[eye], eye,
+                regions["eyelids"], regions["brows"], rng,
+            )
+            for eye in range(2)
+        ]  # fmt: skip
+        hair = [
+            parts.Strands.draw(skin, look.lashes, look.lash_length, look.lash_curl, rng)
+            for skin in skins
+        ]
+        return Wearer(identity, look, (skins[0], skins[1]), (hair[0], hair[1]))
+
+    def draw(
+        self,
+        wearer: Wearer,
+        rig: Floats,  # [53] in the order of decoder.rig_names
+        gaze: Floats,  # [2, 3] unit vectors in the head's frame
+        rng: np.random.Generator,
+        look: Look | None = None,  # of this moment; default: the wearer's
+    ) -> EyePair:
+        """Both pictures and how far the lids are open."""
+        look = look or wearer.look
+        code = self.decoder.encode(self._shutting(rig))
+        vertices = np.asarray(self.decoder.vertices(code, gaze, wearer.identity))
+        pictures = np.empty((2, SIZE_PX, SIZE_PX), np.uint8)
+        lids = np.empty(2, np.float32)
+        for eye in range(2):
+            skin = wearer.skins[eye]
+            posed = skin.posed(vertices)
+            margins = skin.margins(posed)
+            lids[eye] = skin.opening(margins)
+            direction = gaze[eye] * np.array([skin.side, 1, 1], np.float32)
+            light = self._light(skin, posed, margins, wearer.strands[eye], direction, look)
+            picture = expose(light, look, rng)
+            pictures[eye] = picture if eye == 0 else picture[:, ::-1]
+        return EyePair(pictures, lids)
+
+    def _shutting(self, rig: Floats) -> Floats:
+        rig = rig.astype(np.float32).copy()
+        for k, name in enumerate(self.decoder.rig_names):
+            if name.startswith("eyeBlink"):
+                rig[k] *= 1 + SHUT_GAIN * rig[k] ** 2
+        return rig
+
+    def _light(
+        self,
+        skin: parts.EyeSkin,
+        posed: Floats,
+        margins: tuple[Floats, Floats],
+        strands: parts.Strands,
+        gaze: Floats,
+        look: Look,
+    ) -> Floats:  # [400, 400] linear
+        gl = self.context.gl
+        self.context.activate()
+        self.target.use()
+        self.target.clear(look.backdrop, 0, 0, 1, depth=1.0)
+        view, eye = _camera(look)
+        surface = parts.normals(posed, skin.faces)
+        self._common(view, eye, look)
+        self.grains.use(0)
+        gl.enable(gl.DEPTH_TEST)
+        gl.disable(gl.BLEND)
+        self._skin_uniforms(look)
+        rows = np.concatenate([posed, surface, skin.rest], 1).astype(np.float32)
+        self._draw_now("skin", rows, skin.faces)
+        self._ball_uniforms(gaze, margins, look)
+        self.ball.render()
+        gl.enable(gl.BLEND)
+        self.target.depth_mask = False
+        pixel_mm = 2 * look.distance * np.tan(np.radians(look.view_deg) / 2) / SIZE_PX
+        brow = parts.brow_curves(skin, posed, surface, look.brow_hairs)
+        curves = np.concatenate([strands.curves(margins), brow])
+        hairs = parts.ribbons(curves, eye, look.lash_width, look.lash_shade, pixel_mm)
+        self._draw_now("hair", hairs)
+        self.target.depth_mask = True
+        raw = np.frombuffer(self.target.read(components=1, dtype="f4"), np.float32)
+        return raw.reshape(SIZE_PX, SIZE_PX)[::-1].astype(np.float32)
+
+    def _common(self, view: Floats, eye: Floats, look: Look) -> None:
+        lamps = np.zeros((MAX_LEDS, 3), np.float32)
+        lamps[: len(look.leds)] = look.leds
+        power = 900.0 / len(look.leds)
+        for program in self.programs.values():
+            _set(program, "to_clip", view.T.tobytes())
+            _set(program, "camera", tuple(eye.tolist()))
+            _set(program, "leds", lamps.tobytes())
+            _set(program, "num_leds", len(look.leds))
+            _set(program, "led_power", power)
+            _set(program, "seed", look.seed)
+
+    def _skin_uniforms(self, look: Look) -> None:
+        program = self.programs["skin"]
+        _set(program, "albedo", look.albedo)
+        _set(program, "gloss", look.gloss)
+        _set(program, "pores", look.pores)
+        _set(program, "crease", (-12.5, -1.5, 10.0, 0.35))
+
+    def _ball_uniforms(self, gaze: Floats, margins: tuple[Floats, Floats], look: Look) -> None:
+        program = self.programs["ball"]
+        across = np.cross(np.array([0, 1, 0], np.float32), gaze)
+        _set(program, "gaze", tuple(gaze.tolist()))
+        _set(program, "across", tuple((across / np.linalg.norm(across)).tolist()))
+        _set(program, "radius", EYEBALL_MM)
+        _set(program, "iris", look.iris)
+        _set(program, "pupil", min(look.pupil, look.iris - 1.2))
+        _set(program, "tones", (look.sclera_tone, look.iris_tone, look.pupil_tone, look.limbus))
+        _set(program, "fibres", look.fibres)
+        _set(program, "upper", tuple(margins[0][0].tolist()))
+        _set(program, "lower", tuple(margins[1][0].tolist()))
+
+    def _buffer(self, name: str, rows: Floats, faces: NDArray[np.int32] | None = None) -> Any:
+        gl, program = self.context.gl, self.programs[name]
+        names = [n for n in ("in_place", "in_normal", "in_rest") if n in program]
+        layout = " ".join(
+            "3f" if n in program else "3x4" for n in ("in_place", "in_normal", "in_rest")
+        )
+        content = [(gl.buffer(np.ascontiguousarray(rows, "f4").tobytes()), layout, *names)]
+        index = gl.buffer(faces.astype("i4").tobytes()) if faces is not None else None
+        return gl.vertex_array(program, content, index)
+
+    def _draw_now(self, name: str, rows: Floats, faces: NDArray[np.int32] | None = None) -> None:
+        array = self._buffer(name, rows, faces)
+        array.render()
+        array.release()
+
+
+def _set(program: Any, name: str, value: Any) -> None:
+    """Set a uniform; the compiler drops those that a program does not use."""
+    if name in program:
+        if isinstance(value, bytes):
+            program[name].write(value)
+        else:
+            program[name].value = value
+
+
+def _camera(look: Look) -> tuple[Floats, Floats]:
+    """Eye space -> clip space [4, 4], and where the camera is [3]."""
+    outward, below = np.radians(look.outward_deg), np.radians(look.below_deg)
     direction = np.array(
         [np.sin(outward) * np.cos(below), -np.sin(below), np.cos(outward) * np.cos(below)]
     )
-    target = eye_center.astype(np.float64) + [0, 0, 12.0]
-    focal_px = SIZE_PX / 2 / np.tan(np.radians(FIELD_OF_VIEW_DEG / 2))
-    return Camera(
-        viewmat=look_at(target + DISTANCE_MM * direction, target),
-        K=np.array([[focal_px, 0, SIZE_PX / 2], [0, focal_px, SIZE_PX / 2], [0, 0, 1]]),
-        width=SIZE_PX,
-        height=SIZE_PX,
-        near_mm=8.0,
-        background=(0.02, 0.02, 0.02),
-    )
+    target = np.array(look.target, np.float64)
+    eye = target + look.distance * direction
+    view = look_at(eye, target)
+    roll = np.radians(look.roll_deg)
+    turn = np.eye(4)
+    turn[:2, :2] = [[np.cos(roll), -np.sin(roll)], [np.sin(roll), np.cos(roll)]]
+    focal = 1 / np.tan(np.radians(look.view_deg) / 2)
+    near, far = 6.0, 200.0
+    lens = np.zeros((4, 4))
+    lens[0, 0] = focal
+    lens[1, 1] = -focal  # the camera's y points down
+    lens[2, 2], lens[2, 3] = (far + near) / (far - near), -2 * far * near / (far - near)
+    lens[3, 2] = 1
+    return (lens @ turn @ view).astype(np.float32), eye.astype(np.float32)
 
 
-def draw_eyes(
-    gaussians: Gaussians,
-    eye_centers: NDArray[np.float32],  # [2, 3] mm
-    renderer: Renderer,
-    rng: np.random.Generator,
-) -> NDArray[np.uint8]:  # [2, 400, 400]
-    """Both cameras' pictures of one moment."""
-    ramp = np.linspace(-1, 1, SIZE_PX)
-    vignette = 1 - 0.35 * np.clip(np.hypot(*np.meshgrid(ramp, ramp)), 0, 1.3) ** 2
-    out = np.empty((2, SIZE_PX, SIZE_PX), np.uint8)
-    for eye in range(2):
-        renderer.draw(gaussians, eye_camera(eye_centers[eye], eye))
-        infrared = renderer.read_rgba()[..., 0] * vignette
-        infrared += NOISE * rng.standard_normal(infrared.shape)
-        out[eye] = infrared.clip(0, 255)
-    return out
+def _grain_texture() -> NDArray[np.uint8]:  # [512, 512, 4]
+    """Seamless noise of four grains, each spread over 0..255."""
+    rng = np.random.default_rng(0)
+    frequency = np.hypot(*np.meshgrid(np.fft.fftfreq(GRAIN_PX), np.fft.fftfreq(GRAIN_PX)))
+    layers = []
+    for low, high in ((0.004, 0.02), (0.02, 0.09), (0.06, 0.2), (0.03, 0.25)):
+        band = np.exp(-((frequency / high) ** 2)) - np.exp(-((frequency / low) ** 2))
+        wave = np.fft.ifft2(np.fft.fft2(rng.standard_normal((GRAIN_PX, GRAIN_PX))) * band).real
+        layers.append(np.clip(0.5 + wave / wave.std() * 0.18, 0, 1))
+    return (255 * np.stack(layers, -1)).astype(np.uint8)
+
+
+def _sphere(rows: int = 14, columns: int = 28) -> tuple[Floats, NDArray[np.int32]]:
+    """The eyeball's front: [n, 9] place, normal, rest; and triangles."""
+    polar = np.linspace(0, 0.62 * np.pi, rows)[:, None]
+    around = np.linspace(0, 2 * np.pi, columns, endpoint=False)[None]
+    unit = np.stack(
+        [
+            np.sin(polar) * np.cos(around),
+            np.sin(polar) * np.sin(around),
+            np.cos(polar) + 0 * around,
+        ],
+        -1,
+    ).reshape(-1, 3)
+    first = np.arange((rows - 1) * columns).reshape(rows - 1, columns)
+    right = first - first % columns + (first + 1) % columns
+    quads = (first, right, first + columns, first + columns, right, right + columns)
+    faces = np.stack(quads, -1).reshape(-1, 3).astype(np.int32)
+    return np.concatenate([EYEBALL_MM * unit, unit, unit], 1).astype(np.float32), faces

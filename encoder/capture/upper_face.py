@@ -58,7 +58,7 @@ def upper_face(
         curves[:, RIG_INDEX[f"browOuterUp_{side}"]] = np.clip(0.6 * accent, 0, 0.6)
         down = curves[:, RIG_INDEX[f"browDown_{side}"]]
         down += np.clip(0.2 * lid, 0, 0.2)  # orbicularis pulls the brow a little
-    return curves, _directions(angles, fixations, num_frames)
+    return curves, directions(angles, fixations, num_frames)
 
 
 def _talking(level: np.ndarray) -> np.ndarray:
@@ -115,7 +115,7 @@ def _saccades(fixations: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.nd
     return angles, shifts
 
 
-def _directions(angles: np.ndarray, fixations: np.ndarray, num_frames: int) -> np.ndarray:
+def directions(angles: np.ndarray, fixations: np.ndarray, num_frames: int) -> np.ndarray:
     """Both eyes look at one point -> [T, 2, 3] unit vectors, left eye first."""
     which = np.searchsorted(fixations[:, 0], np.arange(num_frames), side="right") - 1
     yaw, pitch = np.radians(angles).T
