@@ -18,7 +18,7 @@ from app.live_stats import LiveStats
 from app.sinks.sink import FrameResult, RunInfo
 from sensors.types import FPS, NS
 
-WARM_UP_S = 30.0  # at most; buffers are touched, the envelope of the clock settles
+WARM_UP_S = 60.0  # at most; buffers are touched, the envelope of the clock settles
 RECORD_S = 20.0
 
 

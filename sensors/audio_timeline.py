@@ -12,6 +12,10 @@ from sensors.types import NS, SAMPLE_RATE, AudioPacket
 PATIENCE_NS = 100_000_000  # a microphone may be this late before silence takes over
 LAG_NS = 50_000_000  # silence stays so far behind the clock that a returning microphone finds room
 MAX_SILENCE = SAMPLE_RATE  # samples in one packet; longer gaps are a jump of the counter
+# The sample count follows the device, and the device follows the clock: a packet that is further
+# off than this was lost or was never missing, and is placed by its time.
+MAX_ERROR_NS = 12_000_000
+MAX_DRIFT = 1e-3  # how fast the time of the count may follow packet times
 
 
 class AudioTimeline:
@@ -23,13 +27,21 @@ class AudioTimeline:
         self.silence = 0  # samples fed in place of sound
         self._end_ns = start_ns  # time of the next sample
         self._lag_ns = lag_ns
-        self._offset: int | None = None  # from the microphone's counter; None: silence reigns
+        self._offset: int | None = None  # from the microphone's counter; None: place by time
         self._last_t_ns = start_ns - 1
 
     def push(self, packet: AudioPacket) -> list[AudioPacket]:
         """Take a microphone packet; return what goes on to the assembler."""
-        samples, first, t_ns = packet.samples, packet.first_sample, packet.t_ns
-        gap = packet.gap
+        samples, first, t_ns, gap = packet.samples, packet.first_sample, packet.t_ns, packet.gap
+        if self._offset is not None:
+            jump = first + self._offset - self.position
+            expected_ns = self._end_ns + jump * NS // SAMPLE_RATE
+            error_ns = t_ns - expected_ns
+            if jump >= 0 and abs(error_ns) <= MAX_ERROR_NS:
+                most_ns = int(MAX_DRIFT * len(samples) * NS / SAMPLE_RATE)
+                t_ns = expected_ns + min(max(error_ns, -most_ns), most_ns)
+            else:
+                self._offset = None
         if self._offset is None:
             early = max((self._end_ns - t_ns) * SAMPLE_RATE // NS, 0)
             if early >= len(samples):
@@ -37,7 +49,7 @@ class AudioTimeline:
             samples, first, t_ns = samples[early:], first + early, t_ns + early * NS // SAMPLE_RATE
             late = max((t_ns - self._end_ns) * SAMPLE_RATE // NS, 0)
             self._offset = self.position + late - first
-            gap = gap or late > 0
+            gap = gap or early > 0 or late > 0
         t_ns = max(t_ns, self._last_t_ns + 1)
         sent = AudioPacket(t_ns, first + self._offset, samples, gap)
         self._advance(sent)

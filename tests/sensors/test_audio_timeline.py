@@ -94,8 +94,35 @@ def test_a_microphone_that_starts_late_or_counts_on_is_placed_by_its_time() -> N
     first = timeline.push(block(3, counter=77_000))
     assert [p.first_sample for p in first] == [3 * BLOCK]
     assert first[0].gap
-    lost = timeline.push(block(4, counter=77_000 + BLOCK + 4800))  # it says that 100 ms are lost
-    assert lost[0].first_sample == 4 * BLOCK + 4800
+    later_ns = START + 4 * BLOCK_NS + NS // 10
+    lost = timeline.push(block(4, counter=77_000 + BLOCK + 4800, t_ns=later_ns))  # 100 ms are lost
+    assert [p.first_sample for p in lost] == [4 * BLOCK + 4800]
+
+
+def test_the_count_stays_with_the_clock_when_a_loss_was_none() -> None:
+    """A stall that looks like a loss of 60 ms, then the truth: the count may not run ahead."""
+    timeline, sent, ahead = AudioTimeline(START), [], 0
+    for k in range(100):
+        ahead += 2880 if k == 40 else 0
+        late_ns = 60_000_000 if 40 <= k < 50 else 0
+        packet = block(k, counter=k * BLOCK + ahead, t_ns=START + k * BLOCK_NS + late_ns)
+        sent += timeline.push(packet)
+    check(sent)
+    last = sent[-1]
+    assert last.first_sample == pytest.approx(99 * BLOCK, abs=600)
+    assert last.t_ns == pytest.approx(START + 99 * BLOCK_NS, abs=12_000_000)
+
+
+def test_slow_drift_of_the_device_is_followed_and_noise_of_the_times_is_not() -> None:
+    timeline, rng, sent = AudioTimeline(START), np.random.default_rng(0), []
+    for k in range(6000):
+        t_ns = START + int(k * BLOCK_NS * (1 + 100e-6)) + int(rng.uniform(0, 3e6))
+        sent += timeline.push(block(k, t_ns=t_ns))
+    assert timeline.position == 6000 * BLOCK
+    assert not any(p.gap for p in sent[1:])
+    steps = np.diff([p.t_ns for p in sent[1000:]])
+    assert np.abs(steps - BLOCK_NS).max() <= BLOCK_NS * 1.1e-3
+    assert sent[-1].t_ns == pytest.approx(START + 5999 * BLOCK_NS * (1 + 100e-6), abs=3_000_000)
 
 
 def test_a_suspended_machine_costs_little_memory() -> None:
