@@ -123,8 +123,11 @@ def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Ta
 
 
 def _sync(pairs: list[tuple[np.ndarray, np.ndarray]], fps: int) -> float:
-    """Seconds that the labels come late, against energy, beyond one label frame; else 0."""
-    lags = np.arange(-5, 6)
+    """Seconds that the labels come late, against energy, beyond one label frame; else 0.
+
+    Changes are compared: levels would only say that both end in silence.
+    """
+    lags = np.arange(-3, 4)
     scores = np.zeros(len(lags))
     for audio, curve in pairs:
         level = loudness(audio)
@@ -132,7 +135,7 @@ def _sync(pairs: list[tuple[np.ndarray, np.ndarray]], fps: int) -> float:
         for k, lag in enumerate(lags):
             jaw = np.interp(times + lag / fps, np.arange(len(curve)) / fps, curve[:, JAW_OPEN])
             if jaw.std() > 0 and level.std() > 0:
-                scores[k] += np.corrcoef(level, jaw)[0, 1]
+                scores[k] += np.corrcoef(np.diff(level), np.diff(jaw))[0, 1]
     best = int(lags[scores.argmax()])
     return best / fps if abs(best) > 1 else 0.0
 

@@ -35,9 +35,9 @@ class StreamConfig:
     seed: int = 0
     rest_streams: float = 0.12  # share of streams without a word: loudness statistics die away
     shares: tuple[tuple[str, float], ...] = (
-        ("rules", 0.5),
-        ("tracked", 0.15),
-        ("envelope", 0.2),
+        ("rules", 0.45),
+        ("tracked", 0.25),
+        ("envelope", 0.15),
         ("rest", 0.15),
     )
 
