@@ -9,7 +9,8 @@ draw. Live and replay differ only in the source and the clock that are passed in
 """
 
 import gc
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,16 +63,7 @@ def drive(
     """Run until the source is exhausted, the panel is closed or Ctrl-C; sinks are closed anyway."""
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
     wishes = Controls(avatar="")  # as they were fulfilled
-    opened: list[Sink] = []
-    collecting = gc.isenabled()
-    try:
-        for sink in sinks:
-            sink.on_start(info)
-            opened.append(sink)
-        gc.collect()
-        gc.freeze()
-        gc.disable()
-        source.open()
+    with _running(source, sinks, info):
         start_ns = clock.now_ns()
         live = source.info.duration_ns is None
         wake_ns = due_ns = start_ns + NS // FPS  # no frame can be complete before
@@ -106,7 +98,7 @@ def drive(
                     picture = _draw(head, driven, stages) if head and newest else None
                     with stages("sinks"):
                         result = FrameResult(frame, driven, picture, summary.dropped, code_ns)
-                        for sink in opened:
+                        for sink in sinks:
                             sink.on_frame(result)
             if not frames:
                 stages.undo("assemble", "tick")  # looking in vain is no tick
@@ -116,12 +108,6 @@ def drive(
             # The sample count is the clock of a live run: its frames carry the time of their end.
             end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
             wake_ns = due_ns = end_ns + NS // FPS
-    finally:
-        if collecting:
-            gc.enable()
-        gc.unfreeze()
-        source.close()
-        _close(opened)
     return summary
 
 
@@ -132,6 +118,28 @@ def _draw(head: Head, driven: DrivenFrame, stages: Stages) -> NDArray[np.uint8]:
         head.renderer.draw(gaussians, head.camera)
     with stages("readback"):
         return head.renderer.read_rgba()
+
+
+@contextmanager
+def _running(source: Source, sinks: Sequence[Sink], info: RunInfo) -> Iterator[None]:
+    """Everything open and no garbage collection; everything closed again, whatever happens."""
+    opened: list[Sink] = []
+    collecting = gc.isenabled()
+    try:
+        for sink in sinks:
+            sink.on_start(info)
+            opened.append(sink)
+        gc.collect()
+        gc.freeze()
+        gc.disable()
+        source.open()
+        yield
+    finally:
+        if collecting:
+            gc.enable()
+        gc.unfreeze()
+        source.close()
+        _close(opened)
 
 
 def _close(sinks: list[Sink]) -> None:
