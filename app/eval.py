@@ -1,4 +1,4 @@
-"""`livedrive eval speech | ab`: what was trained, judged on what it never saw."""
+"""`livedrive eval speech | eyes | ab`: what was trained, judged on what it never saw."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -7,15 +7,18 @@ import tyro
 from tyro.conf import subcommand
 
 from app.eval_ab import EvalAb
+from app.eval_eyes import EvalEyes
 from app.eval_speech import EvalSpeech
 
 
 @dataclass(kw_only=True)
 class Eval:
-    """Judge the trained networks: speech | ab."""
+    """Judge the trained networks: speech | eyes | ab."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
-        Annotated[EvalSpeech, subcommand("speech")] | Annotated[EvalAb, subcommand("ab")]
+        Annotated[EvalSpeech, subcommand("speech")]
+        | Annotated[EvalEyes, subcommand("eyes")]
+        | Annotated[EvalAb, subcommand("ab")]
     ]
 
     def run(self) -> None:

@@ -1,0 +1,200 @@
+"""What `livedrive eval eyes` measures on rendered clips: encoder, calibration and driven head."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.types import SensorFrame
+
+if TYPE_CHECKING:
+    from app.eye_clips import Clip
+    from encoder.driver import Driver
+    from encoder.eye_calibration import EyeCalibration
+    from encoder.eye_encoder import EyeEncoder, EyeReading
+    from encoder.judging import FaceMesh
+
+Figures = dict[str, float]
+Floats = NDArray[np.float32]
+OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+
+
+def calibrated(encoder: "EyeEncoder", clip: "Clip") -> "EyeCalibration":
+    """What the routine gives for a clip's wearer."""
+    from encoder.eye_calibration import SETTLE, Take, fit
+
+    takes: list[Take] = []
+    for target, pictures in clip.routine:
+        rows = [encoder(pair) for pair in pictures]
+        gaze, lids = np.stack([r.gaze for r in rows]), np.stack([r.lids for r in rows])
+        unseen = np.zeros((SETTLE, 2), np.bool_)  # the frames in which the eyes arrive
+        good = np.concatenate([unseen, np.stack([r.score for r in rows]) > 0.5])
+        gaze = np.concatenate([np.repeat(gaze[:1], SETTLE, 0), gaze])
+        takes.append(Take(target, gaze, np.concatenate([unseen.astype(np.float32), lids]), good))
+    return fit(takes)[0]
+
+
+def encoder_figures(encoder: "EyeEncoder", clips: "Sequence[Clip]") -> Figures:
+    """Gaze, lids, blinks and validity on clips of unseen wearers."""
+    from encoder.eye_metrics import NO_BLINKS, angle_deg, compare_blinks, shut_frames
+
+    plain, own, lid_errors, valid = [], [], [], []
+    blinks = NO_BLINKS
+    for clip in clips:
+        rows = [encoder(pair) for pair in clip.eyes]
+        gaze, lids = np.stack([r.gaze for r in rows]), np.stack([r.lids for r in rows])
+        calibration = calibrated(encoder, clip)
+        moved = np.stack([calibration.apply(g, v)[0] for g, v in zip(gaze, lids, strict=True)])
+        seen = clip.lids > OPEN_ENOUGH
+        plain.append(angle_deg(gaze, clip.gaze)[seen])
+        own.append(angle_deg(moved, clip.gaze)[seen])
+        lid_errors.append(np.abs(lids - np.clip(clip.lids, 0, 1)).ravel())
+        valid.append(np.stack([r.score for r in rows]).ravel() > 0.5)
+        for eye in (0, 1):
+            blinks += compare_blinks(shut_frames(lids[:, eye]), shut_frames(clip.lids[:, eye]))
+    return {
+        "gaze_error_deg_median": float(np.median(np.concatenate(plain))),
+        "gaze_error_deg_p95": float(np.percentile(np.concatenate(plain), 95)),
+        "gaze_error_calibrated_deg_median": float(np.median(np.concatenate(own))),
+        "lid_error_mean": float(np.concatenate(lid_errors).mean()),
+        "blinks": blinks.hits + blinks.missed,
+        "blink_precision": blinks.precision,
+        "blink_recall": blinks.recall,
+        "blink_f1": blinks.f1,
+        "blink_delay_frames_median": float(np.median(blinks.latencies or [0])),
+        "blink_delay_frames_worst": float(np.max(blinks.latencies or [0])),
+        "valid_share": float(np.concatenate(valid).mean()),
+    }
+
+
+def fault_figures(encoder: "EyeEncoder", clips: "Sequence[Clip]", seed: int) -> Figures:
+    """Share of broken pictures whose valid flag falls; 0 where anything is not finite."""
+    rng = np.random.default_rng(seed)
+    rows = np.concatenate([clip.eyes[::15] for clip in clips])
+    shape = rows[0].shape
+    faults: dict[str, Any] = {
+        "black": lambda eyes: np.zeros(shape),
+        "saturated": lambda eyes: np.full(shape, 255),
+        "noise": lambda eyes: rng.integers(0, 256, shape),
+        "covered": lambda eyes: 6 + rng.normal(0, 2, shape).clip(-6, 6),
+        "swapped": lambda eyes: eyes[::-1],
+    }
+    result: Figures = {}
+    for name, spoil in faults.items():
+        readings: list[EyeReading] = [encoder(spoil(eyes).astype(np.uint8)) for eyes in rows]
+        finite = all(np.isfinite(array).all() for reading in readings for array in reading)
+        fallen = np.stack([reading.score for reading in readings]) < 0.5
+        result[f"flag_falls_{name}"] = float(fallen.mean()) if finite else 0.0
+    return result
+
+
+def drive(driver: "Driver", frames: "Sequence[SensorFrame]", seed: int) -> tuple[Floats, Floats]:
+    """Codes [T, 256] and gaze [T, 2, 3] of a clip."""
+    state, codes, gaze = driver.init_state(seed), [], []
+    for frame in frames:
+        driven, state = driver.step(frame, state)
+        codes.append(driven.expression)
+        gaze.append(driven.gaze)
+    return np.stack(codes), np.stack(gaze)
+
+
+def head_figures(
+    eyes: "Driver",
+    audio: "Driver",
+    clips: "Sequence[Clip]",
+    mesh: "FaceMesh",
+    encode: Callable[[Floats], Floats],  # rig [T, 53] -> codes [T, 256]
+    seed: int,
+) -> Figures:
+    """Upper face, lips and blinks of the driven head: synthesised gaze, the truth's gaze, and e."""
+    from encoder import metrics
+    from encoder.eye_metrics import NO_BLINKS, compare_blinks, shut_frames
+
+    rows: dict[str, list[list[float]]] = {}
+    blinks = {"speech": NO_BLINKS, "silence": NO_BLINKS}
+    for clip in clips:
+        codes = encode(clip.rig)
+        real_upper, real_lips = mesh.upper_face(codes), mesh.lips(codes)
+        driven = {
+            "synthesised": drive(audio, clip.frames(), seed)[0],
+            "true_gaze": told(audio, clip, seed),
+            "eyes": drive(eyes, clip.frames(), seed)[0],
+        }
+        for name, made in driven.items():
+            upper = mesh.upper_face(made)
+            error = float(np.linalg.norm(upper - real_upper, axis=-1).mean())
+            deviation = metrics.upper_face_deviation_mm(upper, real_upper)
+            lve = metrics.lip_vertex_error_mm(mesh.lips(made), real_lips)
+            rows.setdefault(name, []).append([error, deviation, lve])
+        shut = shut_frames(clip.lids.mean(1))
+        silent = drive(eyes, clip.frames(silent=True), seed)[0]
+        for name, made in (("speech", driven["eyes"]), ("silence", silent)):
+            blinks[name] += compare_blinks(shut_frames(1 - mesh.blink(made)), shut)
+    result: Figures = {}
+    for name, values in rows.items():
+        means = np.mean(values, 0)
+        for figure, value in zip(("upper_face_mm", "fdd_mm", "lve_mm"), means, strict=True):
+            result[f"{figure}_{name}"] = float(value)
+    for name, found in blinks.items():
+        on_time = sum(abs(late) <= 1 for late in found.latencies)
+        result[f"avatar_blinks_on_time_{name}"] = on_time / max(found.hits + found.missed, 1)
+        result[f"avatar_blink_f1_{name}"] = found.f1
+    return result
+
+
+def told(driver: "Driver", clip: "Clip", seed: int) -> Floats:
+    """The audio model, told where the eyes really look: codes [T, 256]."""
+    from encoder.diffusion import frame_noise
+
+    state, codes = driver.backend.init_state(), []
+    for t, audio in enumerate(clip.audio):
+        features, state = driver.backend.audio(audio, state)
+        noise = frame_noise(seed, t, driver.config.expression_dim)
+        code, state = driver.backend.denoise(noise, features, clip.gaze[t].reshape(-1), state)
+        codes.append(code * driver.std + driver.mean)
+    return np.stack(codes)
+
+
+def loss_figures(
+    driver: "Driver", clips: "Sequence[Clip]", mesh: "FaceMesh", seed: int, every: int = 23
+) -> Figures:
+    """Kill an eye, or both, at many frames: largest jumps against normal ones, and the way back."""
+    from encoder.eye_tracker import FADE_FRAMES
+    from encoder.gaze_statistics import step_deg
+
+    jumps, faces, recovery = [], [], []
+    for clip in clips:
+        frames = clip.frames()
+        codes, gaze = drive(driver, frames, seed)
+        normal_turn = max(step_deg(gaze).max(), step_deg(clip.gaze).max())
+        normal_move = moves(mesh, codes).max()
+        for number, start in enumerate(range(10, len(frames) - 40, every)):
+            lost = ((0,), (1,), (0, 1))[number % 3]
+            stop = start + 25
+            broken = [blinded(f, lost) if start <= f.index < stop else f for f in frames]
+            cut = slice(0, stop + 15)
+            hurt, hurt_gaze = drive(driver, broken[cut], seed)
+            jumps.append(step_deg(hurt_gaze).max() / normal_turn)
+            faces.append(moves(mesh, hurt).max() / normal_move)
+            same = np.abs(hurt_gaze - gaze[cut])[stop:].max((1, 2)) < 1e-3
+            recovery.append(int(np.argmax(same)) if same.any() else len(same))
+            assert np.isfinite(hurt).all() and FADE_FRAMES > 0
+    return {
+        "loss_gaze_jump_over_normal": float(np.max(jumps)),
+        "loss_face_jump_over_normal": float(np.max(faces)),
+        "recovery_ms_worst": float(np.max(recovery) * 1000 / 30),
+        "losses_tried": len(jumps),
+    }
+
+
+def moves(mesh: "FaceMesh", codes: Floats) -> NDArray[np.float64]:
+    """Largest movement of an upper-face vertex from frame to frame, mm [T - 1]."""
+    return np.linalg.norm(np.diff(mesh.upper_face(codes), axis=0), axis=-1).max(-1)
+
+
+def blinded(frame: SensorFrame, eyes: tuple[int, ...]) -> SensorFrame:
+    valid = frame.eyes_valid.copy()
+    valid[list(eyes)] = False
+    return replace(frame, eyes_valid=valid)

@@ -1,0 +1,111 @@
+"""The parts of `livedrive eval eyes` that need neither weights nor rendered clips."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.eval_eyes import make_bars, walk_figures
+from app.eye_clips import Clip
+from app.eye_figures import blinded, calibrated, encoder_figures, fault_figures
+from app.eye_real import pupil, real_figures, sheet, squared
+from encoder.eye_calibration import ROUTINE
+from encoder.eye_encoder import EyeReading
+from encoder.eye_network import unit
+from sensors.types import InputError
+
+FRAMES = 90
+
+
+def told(eyes: np.ndarray) -> EyeReading:
+    """An encoder that reads gaze and lid off the first pixels; flat pictures are no eyes."""
+    xy = (eyes[:, 0, :2].astype(np.float32) - 128) / 256
+    lids = eyes[:, 0, 2].astype(np.float32) / 255
+    valid = (eyes[:, 0, 3] == (7, 9)).astype(np.float32)
+    return EyeReading(np.zeros((2, 80), np.float32), unit(xy), lids, valid)
+
+
+def written(gaze: np.ndarray, lids: np.ndarray) -> np.ndarray:
+    """Pictures [T, 2, 400, 400] that `told` reads."""
+    eyes = np.zeros((len(gaze), 2, 400, 400), np.uint8)
+    eyes[:, :, 0, :2] = np.rint(gaze[..., :2] * 256 + 128)
+    eyes[:, :, 0, 2] = np.rint(lids * 255)
+    eyes[:, :, 0, 3] = (7, 9)
+    return eyes
+
+
+def clip(bias: float = 0.0) -> Clip:
+    rng = np.random.default_rng(0)
+    gaze = unit(np.repeat(rng.uniform(-0.2, 0.2, (FRAMES // 10, 1, 2)), 10, 0).repeat(2, 1))
+    lids = np.ones((FRAMES, 2), np.float32)
+    lids[20:26] = lids[60:64] = 0
+    routine = tuple(
+        (
+            target,
+            written(
+                unit(np.tile(target.direction[:2] + bias, (14, 2, 1))),
+                np.full((14, 2), float(target.name != "close")),
+            ),
+        )
+        for target in ROUTINE
+    )
+    seen = unit(gaze[..., :2] + bias)
+    return Clip(
+        np.zeros((FRAMES, 1600), np.float32), written(seen, lids),
+        np.zeros((FRAMES, 53), np.float32), gaze, lids, routine,
+    )  # fmt: skip
+
+
+def test_figures_of_a_perfect_and_of_a_biased_encoder() -> None:
+    perfect = encoder_figures(told, [clip()])  # type: ignore[arg-type]
+    assert perfect["gaze_error_deg_median"] < 0.3 and perfect["lid_error_mean"] < 0.01
+    assert perfect["blinks"] == 4 and perfect["blink_f1"] == 1
+    biased = encoder_figures(told, [clip(0.08)])  # type: ignore[arg-type]
+    assert biased["gaze_error_deg_median"] > 4
+    assert biased["gaze_error_calibrated_deg_median"] < 1
+    assert calibrated(told, clip(0.08)).shift[0][0] == pytest.approx(-0.08, abs=0.02)  # type: ignore[arg-type]
+
+
+def test_flags_that_fall_and_flags_that_stay() -> None:
+    figures = fault_figures(told, [clip()], seed=0)  # type: ignore[arg-type]
+    assert figures["flag_falls_black"] == figures["flag_falls_swapped"] == 1
+    broken = fault_figures(
+        lambda eyes: told(eyes)._replace(lids=np.full(2, np.nan, np.float32)),  # type: ignore[arg-type]
+        [clip()], seed=0,
+    )  # fmt: skip
+    assert broken["flag_falls_black"] == 0  # what is not finite has failed
+
+
+def test_blinding_touches_one_eye_of_one_frame() -> None:
+    frames = clip().frames()
+    after = blinded(frames[3], (1,))
+    assert after.eyes_valid.tolist() == [True, False] and frames[3].eyes_valid.all()
+    assert clip().frames(silent=True)[5].audio.max() == 0
+
+
+def test_bars_are_those_of_the_figures_there_are() -> None:
+    bars = {bar["name"]: bar["ok"] for bar in make_bars({"blink_f1": 0.9, "eyes_cpu_ms": 3.0})}
+    assert bars == {"blink_f1": False, "eyes_cpu_ms": True}
+
+
+def test_shipped_walk_has_the_statistics_of_its_source(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.eval_eyes.WALK_MINUTES", 30.0)
+    figures = walk_figures(seed=3)
+    assert figures["walk_worst_off"] < 0.15 and figures["walk_jump_over_source"] <= 1.01
+
+
+def test_pupils_are_found_by_their_darkness(tmp_path: Path) -> None:
+    frame = np.full((120, 160), 150, np.uint8)
+    frame[30:50, 100:120] = 10
+    share, x, y = pupil(frame)
+    assert share == pytest.approx(400 / 19_200) and x > 0.6 and y > -0.3
+    assert pupil(np.full((10, 10), 200, np.uint8)) == (0, 0, 0)
+    assert squared(frame, 0.2).shape == (400, 400)
+    with pytest.raises(InputError, match="three_blinks"):
+        real_figures(told, tmp_path)  # type: ignore[arg-type]
+    ahead = (np.float32([0.1, 0, 1]), 0.5, 0.9)
+    sheet([squared(frame, 0)] * 7, [ahead] * 7, tmp_path / "s" / "p.png")
+    assert Image.open(tmp_path / "s" / "p.png").size == (1200, 400)
