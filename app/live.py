@@ -112,5 +112,6 @@ def sensor_report(source: "LiveSource") -> dict[str, Any]:
             "damaged": camera.counts.damaged,
             "unused": camera.counts.unused,
             "connects": camera.counts.connects,
+            "delay_ms": round(camera.delay_ns / 1e6, 2),  # of the newest, arrival to checked views
         }
     return report

@@ -33,7 +33,7 @@ class ClockMap:
     @property
     def drift_ppm(self) -> float:
         """How fast the device runs against our clock; 0 in the first half minute."""
-        return -1e6 * self._slope
+        return 0.0 - 1e6 * self._slope
 
     def update(self, device_ns: int, arrival_ns: int) -> int:
         """Take one arrival; return our time of `device_ns`."""

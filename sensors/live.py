@@ -1,6 +1,6 @@
 """LiveSource: microphone and eye cameras as one Source, under the rules of DESIGN 3.
 
-Flow: Microphone, EyeCameras -> LiveSource.poll -> (RecordingSource ->) Assembler -> SensorFrame.
+Flow: Microphone, EyeCameras -> LiveSource.poll -> Assembler -> SensorFrame, and -> LiveRecorder.
 The sample count is the master clock; without a microphone the monotonic clock feeds silence that is
 marked as a gap. Nothing here waits: a lost sensor costs its own data and no frame.
 """

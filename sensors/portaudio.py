@@ -94,6 +94,8 @@ class InputStream:
             # PortAudio lists devices once; only starting over sees what was plugged in since.
             sounddevice._terminate()
             sounddevice._initialize()
+            if device is None and sounddevice.default.device[0] < 0:
+                raise DeviceError("no microphone is plugged in")
             found: Mapping[str, Any] = sounddevice.query_devices(device, "input")
             self.channels = min(channels, int(found["max_input_channels"]))
             rates = (rate,) if rate else (SAMPLE_RATE, int(found["default_samplerate"]))
