@@ -7,7 +7,7 @@ PIP_ARGS ?=
 # A WebXR headset for the browser tests, in JavaScript.
 XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
-    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 chromium \
+    pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 umockdev chromium \
     festival festvox-us-slt-hts festvox-kallpc16k
 
 .PHONY: setup system demo check bench help
@@ -27,7 +27,7 @@ system:
 	@if ldconfig -p | grep -q libEGL.so.1 && ldconfig -p | grep -q libOSMesa.so && \
 	    ls /usr/lib/*/dri/swrast_dri.so >/dev/null 2>&1 && command -v Xvfb >/dev/null && \
 	    command -v flite >/dev/null && command -v espeak-ng >/dev/null && \
-	    command -v pulseaudio >/dev/null && command -v pacat >/dev/null && \
+	    command -v pulseaudio >/dev/null && command -v pacat >/dev/null && command -v umockdev-run >/dev/null && \
 	    ls /usr/lib/*/alsa-lib/libasound_module_pcm_pulse.so >/dev/null 2>&1 && \
 	    command -v chromium >/dev/null && ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \

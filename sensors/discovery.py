@@ -4,6 +4,7 @@ Flow: the operating system's lists -> FoundDevice -> `livedrive devices`, `lived
 Microphones are listed by sensors.portaudio.
 """
 
+import errno
 import os
 import re
 from collections.abc import Iterator
@@ -86,7 +87,10 @@ def _usb_devices(backend: Any) -> Iterator[FoundDevice]:
         except core.USBError as error:
             if known is None:
                 continue
-            problem = f"{error.strerror or error}; " + _rule_hint(vendor, product)
+            fix = "plug it in again"
+            if error.errno == errno.EACCES:
+                fix = _rule_hint(vendor, product)
+            problem = f"{error.strerror or error}; {fix}"
         name = known.name if known else "USB video"
         yield FoundDevice("usb", spec, name, detail, known.name if known else "", problem)
 

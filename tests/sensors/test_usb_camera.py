@@ -1,7 +1,11 @@
 """USB cameras through pyusb and a backend that speaks the protocol: stream, damage, unplugging."""
 
+import shutil
 import struct
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import pytest
 from waiting import wait_until
@@ -21,6 +25,21 @@ from sensors.usb.streaming import END_OF_FRAME, ERROR, HAS_PTS, Payloads, Probe
 
 FILM = film(8, 800, 400)
 BEYOND = "usb:35bd:0202"
+UMOCKDEV = """P: /devices/pci0000:00/0000:00:14.0/usb1/1-1
+N: bus/usb/001/002
+E: BUSNUM=001
+E: DEVNAME=/dev/bus/usb/001/002
+E: DEVNUM=002
+E: DEVTYPE=usb_device
+E: SUBSYSTEM=usb
+A: bConfigurationValue=1\\n
+A: bNumConfigurations=1\\n
+A: busnum=1\\n
+A: devnum=2\\n
+A: idProduct=0202\\n
+A: idVendor=35bd\\n
+A: speed=480\\n
+"""
 
 
 @pytest.fixture
@@ -136,6 +155,27 @@ def test_descriptors_of_isochronous_and_foreign_devices_are_refused() -> None:
         parse(data[:-7] + endpoint[:3] + bytes([1]) + endpoint[4:])
     with pytest.raises(DescriptorError, match="no UVC video"):
         parse(data[:18])
+
+
+def test_real_libusb_finds_a_device_that_umockdev_plugs_in(tmp_path: Path) -> None:
+    """Enumeration and descriptors go through libusb itself; only the kernel is a stand-in."""
+    runner = shutil.which("umockdev-run")
+    if runner is None:
+        pytest.skip("umockdev is not installed")
+    device = struct.pack("<BBHBBBBHHHBBBB", 18, 1, 512, 239, 2, 1, 64, 0x35BD, 0x202, 1, 0, 0, 0, 1)
+    descriptors = (device + configuration_descriptor(800, 400, 30)).hex().upper()
+    plan = tmp_path / "camera.umockdev"
+    plan.write_text(UMOCKDEV + f"H: descriptors={descriptors}\n\n")
+    code = "from sensors.discovery import found_devices\n"
+    code += "for device in found_devices(): print(device.spec, device.name)"
+    done = subprocess.run(
+        [runner, "--device", str(plan), "--", sys.executable, "-c", code],
+        cwd=Path(__file__).parents[2],
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
+    assert done.stdout.strip() == f"{BEYOND} Bigscreen Beyond 2e eye tracker", done.stderr
 
 
 def test_probe_round_trip() -> None:
