@@ -26,8 +26,9 @@ def eye_model(config: EyeNetConfig, weights: Weights) -> ModelProto:
         y = g.op("Conv", x, weight, bias, kernel_shape=shape, strides=[stride] * 2, pads=pads)
         x = g.op("Relu", g.op("Add", y, x) if stride == 1 else y)
     flat = g.op("Reshape", x, g.const(np.array([2, -1])))
-    features = g.linear(flat, weights["project.weight"].T, weights["project.bias"])
-    features = g.op("Tanh", features)
+    spread = np.sqrt(weights["spread.running_var"] + 1e-5)
+    shift = (weights["project.bias"] - weights["spread.running_mean"]) / spread
+    features = g.op("Tanh", g.linear(flat, weights["project.weight"].T / spread, shift))
     scale = np.ones(4 + len(RIG))
     scale[:2] = GAZE_UNIT
     heads = g.linear(features, weights["heads.weight"].T * scale, weights["heads.bias"] * scale)

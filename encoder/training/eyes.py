@@ -30,15 +30,15 @@ class EyesConfig:
     output: Path  # checkpoint, without suffix
     run: loop.Run
     net: EyeNetConfig = PRESETS["default"]
-    steps: int = 3000
-    batch: int = 128
-    rate: float = 2e-3
+    steps: int = 12_000
+    batch: int = 32
+    rate: float = 1.5e-3
 
 
 SETTINGS: dict[str, dict[str, Any]] = {
     "debug": {"net": PRESETS["debug"], "steps": 2, "batch": 8},
     "default": {},
-    "paper": {"steps": 30_000},
+    "paper": {"steps": 200_000},
 }
 
 

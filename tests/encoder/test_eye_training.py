@@ -87,7 +87,7 @@ def test_learns_drawn_eyes(folder: Path) -> None:
     optimizer = loop.adamw({"net": net}, 5e-3)
     x = standard(torch.from_numpy(data.pictures).float())
     gaze, lids = torch.from_numpy(data.gaze), torch.from_numpy(data.lids)
-    for _ in range(80):
+    for _ in range(40):
         out = net(x)
         loss = (out.gaze - gaze).square().mean() / 0.04 + (out.lid - lids).square().mean()
         optimizer.zero_grad()
