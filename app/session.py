@@ -11,26 +11,40 @@ from tyro.conf import Positional, subcommand
 
 @dataclass(kw_only=True)
 class Create:
-    """Make a session from a sound file, with or without two eye videos."""
+    """Make a session from a sound file, with or without two eye videos and a phone's motion."""
 
     folder: Positional[Path]
     """Folder to create."""
-    audio: Path
+    audio: Path | None = None
     """Any sound file that libsndfile reads; it becomes 48 kHz mono."""
+    livelink: Path | None = None
+    """Live Link Face CSV that began with the sound: kept beside it as motion.npz."""
     eyes: tuple[Path, Path] | None = None
     """Video of the left and of the right eye."""
     codec: str = "ffv1"
     """ffv1 (lossless) or x264 (small)."""
 
     def run(self) -> None:
+        import tempfile
         from datetime import UTC, datetime
 
+        from app import session_motion
         from sensors import session
+        from sensors.types import InputError
 
+        if self.audio is None and self.livelink is None:
+            raise InputError("session create: expected --audio or --livelink, got neither")
         created = datetime.now(UTC).isoformat(timespec="seconds")
-        made = session.create(
-            self.folder, self.audio, self.eyes or (), created=created, eye_codec=self.codec
-        )
+        take = session_motion.read_take(self.livelink, self.audio) if self.livelink else None
+        with tempfile.TemporaryDirectory() as spare:
+            audio = self.audio
+            if audio is None and take is not None:
+                audio = session_motion.silence(Path(spare) / "silence.wav", take)
+            made = session.create(
+                self.folder, audio or "", self.eyes or (), created=created, eye_codec=self.codec
+            )
+        if take is not None:
+            session_motion.write_motion(self.folder, take, int(made["frames"]))
         for warning in made.pop("warnings"):
             print(f"warning: {warning}")
         print(json.dumps(made, indent=2))

@@ -43,6 +43,7 @@ JAW_UNIT = 0.46  # jawOpen of an open vowel, spoken loudly
 JAW_LATE_S = 0.02  # tracked jaws lag their sound's energy by half a frame
 RAMP_S = 0.075  # lips close and part within this, 100-350 mm/s
 JAW_STEP = 0.27  # most change of jawOpen a frame: 234 mm/s
+GAP_STEP_MM = 11.5  # most change of the lips' gap a frame: 345 mm/s
 _TOUCH = np.zeros(len(RIG_NAMES), np.float32)
 for _name, _weight in TOUCH_POSE.items():
     _TOUCH[RIG_INDEX[_name]] = _weight
@@ -171,7 +172,7 @@ def _open_mouth(
     """Gesture tracks -> [T, 53] speech channels of a mouth without contacts."""
     curves = np.zeros((len(level), len(RIG_NAMES)), np.float32)
     jaw = JAW_UNIT * style.jaw * tracks["jaw"] * (1 - style.loud + style.loud * level**0.7)
-    curves[:, JAW_OPEN] = _slew(jaw * speaking)
+    curves[:, JAW_OPEN] = jaw * speaking
     for gesture, channels in GESTURE_RIG.items():
         size = style.spread if gesture == "stretch" else style.lips
         for channel, weight in channels.items():
@@ -184,14 +185,14 @@ def _open_mouth(
     return curves
 
 
-def _slew(curve: np.ndarray) -> np.ndarray:
-    """[T] limited to JAW_STEP a frame, in both directions of time, by lowering only."""
-    out = curve.astype(np.float32).copy()
-    for order in (range(1, len(out)), range(len(out) - 2, -1, -1)):
-        for k in order:
-            before = out[k - 1] if order.step > 0 else out[k + 1]
-            out[k] = min(out[k], before + JAW_STEP)
-    return out
+def _slew(curve: np.ndarray, step: float) -> np.ndarray:
+    """[T] limited to `step` a frame, in both directions of time, by lowering only."""
+    out = curve.astype(np.float32).tolist()
+    for k in range(1, len(out)):
+        out[k] = min(out[k], out[k - 1] + step)
+    for k in range(len(out) - 2, -1, -1):
+        out[k] = min(out[k], out[k + 1] + step)
+    return np.array(out, np.float32)
 
 
 def _with_contacts(
@@ -216,14 +217,17 @@ def _with_contacts(
         curves[:, RIG_INDEX[channel]] *= 1 - 0.9 * close
     for side in "LR":
         curves[:, RIG_INDEX[f"mouthPress_{side}"]] += style.press * style.lips * close
+    curves[:, JAW_OPEN] = _slew(curves[:, JAW_OPEN], JAW_STEP)
     if lips is None:
         curves[:, MOUTH_CLOSE] = close * closing_weight(curves)
         return curves
-    busy = close > 0
+    weight = close.astype(np.float32)
+    gap = lips.gap_mm(curves)
+    wanted = np.minimum(gap, (1 - weight) * lips.gap_mm(free) + weight * SHUT_MM)
+    wanted = _slew(wanted, GAP_STEP_MM)
+    busy = wanted < gap - 1e-3
     if busy.any():
-        c = close[busy].astype(np.float32)
-        target = (1 - c) * lips.gap_mm(free[busy]) + c * SHUT_MM
-        curves[busy, MOUTH_CLOSE] = lips.closed(curves[busy], target)
+        curves[busy, MOUTH_CLOSE] = lips.closed(curves[busy], wanted[busy])
     return curves
 
 

@@ -1,0 +1,102 @@
+"""Importing one's own takes: good ones become sessions, bad ones end in one clear line."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from app.session import Create
+from app.sinks.arkit import ARKIT_NAMES
+from encoder.capture import real
+from encoder.capture.livelink import read_livelink
+from sensors.types import SAMPLE_RATE, InputError
+
+NAMES = [name[0].upper() + name[1:] for name in ARKIT_NAMES]
+
+
+def write_take(path: Path, rows: int = 90, step: int = 2, names: list[str] | None = None) -> Path:
+    """A take at 60 timecodes a second, one row every `step` of them; the jaw opens slowly."""
+    names = NAMES if names is None else names
+    lines = [",".join(["Timecode", "BlendShapeCount", *names])]
+    for k in range(rows):
+        frame = k * step
+        values = [f"{k / rows:.4f}" if n == "JawOpen" else "0.1" for n in names]
+        code = f"10:00:{frame // 60:02d}:{frame % 60:02d}.250"
+        lines.append(",".join([code, "61", *values]))
+    path.write_text("\n".join(lines))
+    return path
+
+
+def write_sound(path: Path, seconds: float) -> Path:
+    soundfile.write(path, 0.1 * np.sin(np.arange(int(seconds * SAMPLE_RATE)) * 0.05), SAMPLE_RATE)
+    return path
+
+
+def test_a_take_becomes_a_session_with_motion(tmp_path, capsys):
+    take, sound = write_take(tmp_path / "a.csv"), write_sound(tmp_path / "a.wav", 3.2)
+    Create(folder=tmp_path / "s", audio=sound, livelink=take).run()
+    assert json.loads(capsys.readouterr().out.split("\nnext:")[0])["frames"] == 96
+    with np.load(tmp_path / "s" / "motion.npz", allow_pickle=False) as motion:
+        jaw = motion["arkit"][:, list(motion["arkit_names"]).index("jawOpen")]
+        np.testing.assert_allclose(jaw[:80], (np.arange(80) + 1) / 90, atol=2e-3)
+        assert motion["rig"].shape == (96, 53) and motion["gaze"].shape == (96, 2, 3)
+        assert motion["t_ns"][29] == 1_000_000_000
+
+
+def test_a_take_without_sound_gets_silence(tmp_path):
+    Create(folder=tmp_path / "s", livelink=write_take(tmp_path / "a.csv")).run()
+    sound, _ = soundfile.read(tmp_path / "s" / "audio.wav")
+    assert not sound.any() and len(sound) >= 2.9 * SAMPLE_RATE
+
+
+def spoil(path: Path, line: int, text: str) -> Path:
+    lines = path.read_text().splitlines()
+    lines[line] = text
+    path.write_text("\n".join(lines))
+    return path
+
+
+def test_bad_takes_say_what_is_wrong(tmp_path):
+    path = tmp_path / "t.csv"
+    with pytest.raises(InputError, match="missing MouthClose"):
+        read_livelink(write_take(path, names=[n for n in NAMES if n != "MouthClose"]))
+    with pytest.raises(InputError, match="Timecode and JawOpen, got a"):
+        read_livelink(spoil(write_take(path), 0, "a,b,c"))
+    with pytest.raises(InputError, match=r"24-60 rows a second, got 1\d"):
+        read_livelink(write_take(path, step=5))
+    with pytest.raises(InputError, match=r"line 12: expected a timecode"):
+        read_livelink(spoil(write_take(path), 11, "10:00:00:20,61,oops"))
+    lines = write_take(path).read_text().splitlines()
+    path.write_text("\n".join([*lines[:20], *lines[60:]]))
+    with pytest.raises(InputError, match=r"line 21: expected gaps under 0.5 s, got 1.37 s"):
+        read_livelink(path)
+    path.write_text("\n".join([lines[0], *reversed(lines[1:])]))
+    with pytest.raises(InputError, match="expected time to rise"):
+        read_livelink(path)
+    path.write_text(lines[0])
+    with pytest.raises(InputError, match="at least 2 rows"):
+        read_livelink(path)
+
+
+def test_sound_shorter_than_the_curves_is_refused(tmp_path):
+    take, sound = write_take(tmp_path / "a.csv"), write_sound(tmp_path / "a.wav", 1.5)
+    with pytest.raises(InputError, match=r"expected at least the 3.0 s of a.csv, got 1.5 s"):
+        Create(folder=tmp_path / "s", audio=sound, livelink=take).run()
+    assert not (tmp_path / "s").exists()
+    with pytest.raises(InputError, match="cut the take"):
+        list(real.own_takes(tmp_path, (0,)))
+
+
+def test_neither_sound_nor_take_is_refused(tmp_path):
+    with pytest.raises(InputError, match="--audio or --livelink"):
+        Create(folder=tmp_path / "s").run()
+
+
+def test_own_takes_become_a_subject(tmp_path):
+    write_take(tmp_path / "me.csv")
+    write_sound(tmp_path / "me.wav", 3.2)
+    (take,) = real.own_takes(tmp_path, (0,))
+    assert take.clip.truth == "tracked" and take.clip.voice == "own-me"
+    assert take.clip.num_frames == 96
