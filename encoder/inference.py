@@ -7,6 +7,7 @@ so nothing is cached and nothing can go stale. One thread, spinning off: the oth
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
@@ -293,8 +294,22 @@ def load_driver(
 
 
 def choose_condition(wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool) -> Condition:
-    """auto: the eyes, where the source has pictures of them and their weights are installed."""
+    """auto: the eyes, where the source has pictures of them and their weights fit the others."""
     if wanted != "auto":
         return wanted
-    files = [WEIGHTS / f"{name}.safetensors" for name in ("eyes", STUDENTS["eyes"])]
-    return "eyes" if has_eyes and all(path.is_file() for path in files) else "gaze"
+    return "eyes" if has_eyes and eyes_fit(WEIGHTS) else "gaze"
+
+
+def eyes_fit(folder: Path) -> bool:
+    """Are there an eye encoder and a student that sees, made from the gaze student beside them?"""
+    cards: dict[str, Any] = {}
+    for name in ("eyes", *STUDENTS.values()):
+        path = folder / f"{name}.json"
+        if not path.is_file():
+            return False
+        cards[name] = json.loads(path.read_text())
+    seeing = cards[STUDENTS["eyes"]]
+    return (
+        seeing.get("audio_model", {}).get("sha256") == cards[STUDENTS["gaze"]]["sha256"]
+        and seeing.get("eyes_sha256") == cards["eyes"]["sha256"]
+    )

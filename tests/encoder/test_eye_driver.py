@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -18,7 +19,13 @@ from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser
 from encoder.driver import Driver, DriverState
 from encoder.gaze_statistics import step_deg
-from encoder.inference import BackendName, choose_condition, create_backend, load_driver
+from encoder.inference import (
+    BackendName,
+    choose_condition,
+    create_backend,
+    eyes_fit,
+    load_driver,
+)
 from sensors.types import InputError, SensorFrame
 
 EYES, GRAPH = encoder(), graph()
@@ -149,3 +156,16 @@ def test_auto_takes_the_eyes_only_where_there_are_some() -> None:
     assert choose_condition("auto", has_eyes=False) == "gaze"
     assert choose_condition("gaze", has_eyes=True) == "gaze"
     assert choose_condition("eyes", has_eyes=False) == "eyes"
+
+
+def test_auto_sees_only_with_weights_that_belong_together(tmp_path: Path) -> None:
+    def card(name: str, **words: object) -> None:
+        (tmp_path / f"{name}.json").write_text(json.dumps(words))
+
+    assert not eyes_fit(tmp_path)
+    card("eyes", sha256="e")
+    card("student", sha256="s")
+    card("student_eyes", eyes_sha256="e", audio_model={"sha256": "s"})
+    assert eyes_fit(tmp_path)
+    card("student", sha256="trained anew")
+    assert not eyes_fit(tmp_path)
