@@ -21,6 +21,9 @@ BLOCK_SIZE = 480  # 10 ms; blocks of a whole frame come in pairs, 67 ms apart
 LATENCY_S = 0.03  # at 0.04 PulseAudio hands two blocks over at a time, 8 ms later
 RING_BLOCKS = 256  # 2.5 s
 PULSE = "pulse:"
+# PortAudio is one a process and not made for two threads: starting it over while another thread
+# still waits for a hanging server to close its stream crashed Python.
+_PORTAUDIO = threading.Lock()
 
 
 @dataclass(frozen=True)
@@ -52,7 +55,8 @@ def library() -> Any:
 def microphones() -> list[MicrophoneInfo]:
     """All inputs that can be opened by name."""
     sounddevice = library()
-    default = sounddevice.default.device[0]
+    with _PORTAUDIO:
+        default, listed = sounddevice.default.device[0], sounddevice.query_devices()
     found = [
         MicrophoneInfo(
             name=str(device["name"]),
@@ -60,7 +64,7 @@ def microphones() -> list[MicrophoneInfo]:
             rate=int(device["default_samplerate"]),
             default=device["index"] == default,
         )
-        for device in sounddevice.query_devices()
+        for device in listed
         if device["max_input_channels"] > 0
     ]
     return [*found, *_pulse_sources()]
@@ -83,13 +87,17 @@ class InputStream:
 
     def __init__(self, name: str | None, clock: Clock, rate: int | None, channels: int) -> None:
         """Open and start. With `rate` None: 48 kHz if the device has it, else its own rate."""
-        sounddevice = library()
         self.finished = threading.Event()
         self.last_arrival_ns = clock.now_ns()
         device = name
         if name and name.startswith(PULSE):
             os.environ["PULSE_SOURCE"] = name.removeprefix(PULSE)
             device = "pulse"
+        with _PORTAUDIO:
+            self._open(device, clock, rate, channels)
+
+    def _open(self, device: str | None, clock: Clock, rate: int | None, channels: int) -> None:
+        sounddevice = library()
         try:
             # PortAudio lists devices once; only starting over sees what was plugged in since.
             sounddevice._terminate()
@@ -118,8 +126,9 @@ class InputStream:
 
     def close(self) -> None:
         """Stop. Blocks for as long as the sound server hangs."""
-        self._stream.abort()
-        self._stream.close()
+        with _PORTAUDIO:
+            self._stream.abort()
+            self._stream.close()
 
     def _takes(self, device: int, rate: int) -> bool:
         sounddevice = library()
