@@ -24,7 +24,7 @@ from app.sinks.sink import FrameResult, RunInfo
 from encoder.driver import DrivenFrame
 from sensors.types import InputError
 
-QUEUE = 8  # ticks; when the thread falls behind, the oldest is dropped
+QUEUE = 30  # ticks; when the thread falls behind, the oldest is dropped
 COSTS = 30 * 60 * 10  # ticks whose cost is remembered
 SURE = 3  # ticks without a refusal after which a receiver counts as met again
 JOIN_S = 2.0

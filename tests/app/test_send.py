@@ -26,7 +26,7 @@ from encoder.driver import DrivenFrame
 from render.decoder import Decoder
 from sensors.types import FPS, NS, InputError, SensorFrame
 
-TICKS = 20
+TICKS = 50
 INFO = RunInfo(64, 64, TICKS)
 
 
