@@ -14,7 +14,7 @@ from tyro.conf import Positional
 
 from sensors.types import InputError
 
-ACTIONS = ("statistics", "calibrate", "session")
+ACTIONS = ("inspect", "statistics", "calibrate", "session")
 
 
 @dataclass(kw_only=True)
@@ -46,6 +46,8 @@ class Capture:
     """inspect: whose clip; default: the first."""
     clip: int = 0
     """inspect: which clip of the subject."""
+    video: Path | None = None
+    """inspect: also write the clip as a video, e.g. clip.mp4."""
     text: tuple[str, ...] = ()
     """session: sentences to say."""
     voice: str = "slt"
@@ -66,6 +68,10 @@ class Capture:
         folder = Path(words[0])
         if action == "build":
             self._build(folder)
+        elif action == "inspect":
+            from app.capture_inspect import inspect
+
+            inspect(folder, self)
         elif action == "session":
             from app.capture_session import make_session
 
@@ -103,6 +109,6 @@ class Capture:
         if self.eyes:
             from app.capture_eyes import draw_pairs
 
-            made["eye_pairs"] = draw_pairs(folder, self.eyes, self.seed, self.processes)
+            made |= draw_pairs(folder, self.eyes, self.seed, self.processes)
         print(json.dumps(made, indent=1))
         print(f"next: livedrive capture statistics {folder}")

@@ -22,7 +22,7 @@ _lips: "LipGeometry | None" = None  # of the parent process; children are forked
 
 
 def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
-    """Make or finish a set in `folder`; returns its manifest's counts."""
+    """Make or finish a set in `folder`; returns its manifest's counts and what it cost."""
     global _lips
     from tqdm import tqdm
 
@@ -41,14 +41,31 @@ def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
     os.environ["OMP_NUM_THREADS"] = "1"
     context = multiprocessing.get_context("fork")
     # one task a child: espeak-ng keeps a state, so that its sound would depend on what it said
+    before = children_s()
     with context.Pool(processes, maxtasksperchild=1) as pool:
         work = pool.imap_unordered(_make, [(folder / plan.name, plan) for plan in todo])
         for _ in tqdm(work, total=len(todo), desc="capture", unit="subject", mininterval=2):
             pass
+        pool.close()
+        pool.join()  # so that the children's time is counted
     entries = [entry for plan in plans if (entry := dataset.finished(folder / plan.name))]
     entries = [entry for entry in entries if entry["clips"]]
     dataset.write_manifest(folder, entries, capture.sources(plans), **recipe)
-    return dataset.counts(entries)
+    result = dataset.counts(entries)
+    hours = sum(
+        sum(clip["frames"] for clip in entry["clips"]) / 108_000
+        for entry in entries
+        if entry["file"] in {plan.name for plan in todo}
+    )
+    if hours:
+        result["audio_hours_per_cpu_hour"] = round(3600 * hours / (children_s() - before), 1)
+    return result
+
+
+def children_s() -> float:
+    """CPU seconds of all ended child processes."""
+    times = os.times()
+    return times.children_user + times.children_system
 
 
 def _same_recipe(folder: Path, recipe: dict[str, Any], error: type[Exception]) -> None:
