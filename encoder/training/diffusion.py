@@ -21,7 +21,7 @@ from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Schedule
 from encoder.training import loop, parallel
-from encoder.training.geometry import Face, jitter_loss, velocity_loss
+from encoder.training.geometry import Face, jitter_loss, spread_loss, velocity_loss
 from encoder.training.streams import AHEAD, GAZE_SCALE, Streams
 from sensors.types import InputError
 
@@ -48,6 +48,7 @@ class DiffusionConfig:
     velocity_weight: float = 1.0  # per mm^2 a frame^2
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
+    spread_weight: float = 0.0  # per mm^2; only where one step must do, at tau = N
     lookahead: int = 0  # frames of future sound: a ceiling to compare with, not for live use
 
 
@@ -119,6 +120,9 @@ def geometry_losses(
             guess, truth, face.weights, normalised=config.jitter_normalised
         )
         total = total + config.jitter_weight * parts["jitter"]
+    if config.spread_weight:
+        parts["spread"] = spread_loss(guess, truth, face.weights)
+        total = total + config.spread_weight * parts["spread"]
     return parts, total
 
 

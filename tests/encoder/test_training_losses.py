@@ -6,7 +6,13 @@ import torch
 from encoder.audio_encoder import PRESETS
 from encoder.training import contrastive
 from encoder.training.centred import HISTORY_FRAMES, CentredEncoder, fed_causally
-from encoder.training.geometry import JITTER_FLOOR_MM, jitter, jitter_loss, velocity_loss
+from encoder.training.geometry import (
+    JITTER_FLOOR_MM,
+    jitter,
+    jitter_loss,
+    spread_loss,
+    velocity_loss,
+)
 
 ONE = torch.ones(1)
 
@@ -53,6 +59,22 @@ def test_velocity_weighs_vertices():
     a, b = torch.zeros(1, 2, 2, 3), torch.zeros(1, 2, 2, 3)
     a[0, 1, 0, 0] = 2.0
     assert float(velocity_loss(a, b, torch.tensor([1.5, 0.5]))) == pytest.approx(4 * 1.5 / 2)
+
+
+def test_spread_asks_a_timid_mouth_to_move_and_a_resting_one_to_rest():
+    truth = torch.zeros(1, 40, 1, 3)
+    truth[0, :, 0, 1] = torch.sin(torch.arange(40.0)) * 4
+    timid = (0.5 * truth).requires_grad_()
+    loss = spread_loss(timid, truth, ONE)
+    assert float(loss.detach()) == pytest.approx(float(0.25 * truth.var(1).sum()), rel=0.05)
+    loss.backward()
+    assert (timid.grad * truth).sum() < 0  # a step down the gradient moves more
+    restless = (0.1 * truth).requires_grad_()
+    spread_loss(restless, torch.zeros_like(truth), ONE).backward()
+    assert (restless.grad * truth).sum() > 0
+    still = torch.zeros_like(truth).requires_grad_()
+    spread_loss(still, torch.zeros_like(truth), ONE).backward()
+    assert still.grad.isfinite().all()
 
 
 def test_future_loss_falls_when_context_tells_the_future():
