@@ -6,7 +6,8 @@ sites in a browser here (origin, host name). Beyond it every request needs the t
 
 import asyncio
 import secrets
-from collections import deque
+import socket
+import ssl
 from collections.abc import Awaitable, Callable
 from urllib.parse import urlsplit
 
@@ -16,8 +17,9 @@ from app.web.info import is_loopback
 
 COOKIE = "livedrive"
 MAX_CONNECTIONS = 64
-MAX_ACCEPTS = 60  # new connections in ACCEPT_S; more are closed unheard
-ACCEPT_S = 1.0
+ACCEPTS = 20.0  # new connections a second, with bursts of one second's worth
+BACKLOG = 32  # connections that may wait in the kernel
+HANDSHAKE_S = 5.0
 IDLE_S = 5.0  # a connection must have become a WebSocket by then
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
@@ -46,24 +48,29 @@ def check(token: str | None):  # noqa: ANN201
 
 
 class Doorman:
-    """Makes the protocol of each new connection: the server's, or one that hangs up at once."""
+    """Accepts connections no faster than a flood may cost; who must wait, waits in the kernel."""
 
-    def __init__(self, server: web.Server, loop: asyncio.AbstractEventLoop) -> None:
+    def __init__(self, server: web.Server, listener: socket.socket) -> None:
         self.refused = 0
-        self._server, self._loop = server, loop
-        self._accepts: deque[float] = deque(maxlen=MAX_ACCEPTS)
+        self._server, self._listener = server, listener
         self._settled: set[object] = set()
+        self._greetings: set[asyncio.Task[None]] = set()  # TLS handshakes under way
 
-    def __call__(self) -> asyncio.Protocol:
-        now = self._loop.time()
-        busy = len(self._accepts) == MAX_ACCEPTS and now - self._accepts[0] < ACCEPT_S
-        if busy or len(self._server.connections) >= MAX_CONNECTIONS:
-            self.refused += 1
-            return _HangUp()
-        self._accepts.append(now)
-        protocol = self._server()
-        self._loop.call_later(IDLE_S, self._end_idle, protocol)
-        return protocol
+    async def work(self, tls: ssl.SSLContext | None) -> None:
+        """Accept for ever."""
+        loop = asyncio.get_running_loop()
+        budget = Budget(ACCEPTS, loop.time())
+        while True:
+            end, _ = await loop.sock_accept(self._listener)
+            if len(self._server.connections) + len(self._greetings) >= MAX_CONNECTIONS:
+                self.refused += 1
+                end.close()
+            else:
+                task = asyncio.create_task(self._greet(end, tls))
+                self._greetings.add(task)
+                task.add_done_callback(self._greetings.discard)
+            while not budget.spend(loop.time()):
+                await asyncio.sleep(1 / ACCEPTS)
 
     def settle(self, request: web.Request) -> None:
         """This connection has become a WebSocket: it may stay."""
@@ -72,15 +79,20 @@ class Doorman:
     def leave(self, request: web.Request) -> None:
         self._settled.discard(request.protocol)
 
+    async def _greet(self, end: socket.socket, tls: ssl.SSLContext | None) -> None:
+        loop, patience_s = asyncio.get_running_loop(), HANDSHAKE_S if tls else None
+        try:
+            _, protocol = await loop.connect_accepted_socket(
+                self._server, end, ssl=tls, ssl_handshake_timeout=patience_s
+            )
+        except OSError:  # not TLS, or already gone
+            end.close()
+        else:
+            loop.call_later(IDLE_S, self._end_idle, protocol)
+
     def _end_idle(self, protocol: web.RequestHandler) -> None:
         if protocol not in self._settled and protocol.transport is not None:
             protocol.transport.abort()
-
-
-class _HangUp(asyncio.Protocol):
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        assert isinstance(transport, asyncio.Transport)
-        transport.abort()
 
 
 class Budget:
@@ -93,5 +105,7 @@ class Budget:
         """False: too many."""
         self._left = min(self._rate, self._left + (now_s - self._last_s) * self._rate)
         self._last_s = now_s
+        if self._left < 1:
+            return False
         self._left -= 1
-        return self._left >= 0
+        return True

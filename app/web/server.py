@@ -18,7 +18,7 @@ import psutil
 from aiohttp import hdrs, web
 
 from app.web import certificate
-from app.web.guard import Doorman, check
+from app.web.guard import BACKLOG, Doorman, check
 from app.web.head import Head
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
@@ -64,15 +64,9 @@ class WebServer:
         )
         await runner.setup()
         assert runner.server is not None
-        self._door = Doorman(runner.server, loop)
+        self._door = Doorman(runner.server, self._listener)
         tls = None if self._info.is_local else self._tls()
-        server = await loop.create_server(
-            self._door,
-            sock=self._listener,
-            ssl=tls,
-            ssl_handshake_timeout=5 if tls else None,
-            backlog=32,
-        )
+        door = asyncio.create_task(self._door.work(tls))
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
         self._tell(addresses=self._addresses(self._listener.getsockname()[1], token))
@@ -81,7 +75,7 @@ class WebServer:
             self._tell(**self.counts())  # also once at the end
         loop.remove_reader(self._end)
         await self._names.drain(SHUTDOWN_S)
-        server.close()
+        door.cancel()
         await runner.cleanup()
 
     def counts(self) -> dict[str, Any]:
@@ -113,6 +107,8 @@ class WebServer:
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
         listener.bind((self._info.host.strip("[]"), self._info.port))
+        listener.listen(BACKLOG)
+        listener.setblocking(False)
         return listener
 
     def _tls(self) -> ssl.SSLContext:
