@@ -16,7 +16,7 @@ WINDOW = 20  # buckets that the envelope looks at
 HISTORY = 600  # buckets that the drift estimate looks at: five minutes
 MIN_HISTORY = 40  # half a minute; before that the drift is taken as 0
 JUMP_NS = 20_000_000
-JUMP_WAIT_NS = 200_000_000  # a delay must stay this long to count as a jump, not as a stall
+JUMP_WAIT_NS = NS  # a delay must stay this long to be a jump: a busy machine catches up within
 
 
 class ClockMap:
@@ -78,7 +78,7 @@ class ClockMap:
         )
 
     def _lasting(self, arrival_ns: int, above_ns: int) -> int:
-        """How far all delays of the last 200 ms were above the envelope."""
+        """How far all delays of the last second were above the envelope."""
         recent = self._recent
         recent.append((arrival_ns, above_ns))
         while len(recent) > 3 and arrival_ns - recent[1][0] >= JUMP_WAIT_NS:
