@@ -1,5 +1,6 @@
-// Draws the Gaussians with WebGL2: one instanced quad each, back to front, as render/splat_quads.py
-// does. The projection is that of render/reference.py; all its constants are the same.
+// Draws the Gaussians with WebGL2: one quad each, back to front, as render/splat_quads.py does. The
+// projection is that of render/reference.py; all its constants are the same. Quads are vertices of
+// one long list and not instances: software GL draws instances one by one.
 
 const WIDTH = 1024;  // texels in a row of the textures
 
@@ -8,13 +9,13 @@ precision highp float;
 precision highp int;
 precision highp usampler2D;
 uniform usampler2D words;
+uniform usampler2D order;  // indices of Gaussians, far to near
 uniform sampler2D colors;
 uniform mat4 modelView;   // millimetres to camera space, y up, looking along -z
 uniform mat4 projection;
 uniform vec2 size;        // px
 uniform vec3 low;         // mm
 uniform vec3 steps;       // mm of a position step, log2 scale of level 0, log2 scale of a level
-in uint index;
 out vec2 uv;
 flat out vec4 color;
 
@@ -33,8 +34,12 @@ mat3 rotation(vec3 turn) {
     2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
 }
 
+ivec2 texel(int k) {
+  return ivec2(k % ${WIDTH}, k / ${WIDTH});
+}
+
 void main() {
-  ivec2 at = ivec2(int(index) % ${WIDTH}, int(index) / ${WIDTH});
+  ivec2 at = texel(int(texelFetch(order, texel(gl_VertexID >> 2), 0).x));
   uvec3 word = texelFetch(words, at, 0).xyz;
   vec4 static_color = texelFetch(colors, at, 0);
   vec3 mean = low + steps.x * vec3(word.x & 16383u, word.x >> 14 & 16383u, word.y & 16383u);
@@ -66,7 +71,7 @@ void main() {
   if (log2_opacity < -FAINTEST) return;
 
   float radius = sqrt(log2_opacity + FAINTEST);
-  uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
+  uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID & 2) - 1);
   float dy = uv.y / r;
   float dx = uv.x / p + k * dy;
   color = vec4(static_color.rgb, log2_opacity);
@@ -91,19 +96,13 @@ export class Splats {
     this.count = 0;
     this.program = link(gl);
     this.places = Object.fromEntries(
-      ["words", "colors", "modelView", "projection", "size", "low", "steps"]
+      ["words", "order", "colors", "modelView", "projection", "size", "low", "steps"]
         .map((name) => [name, gl.getUniformLocation(this.program, name)]));
     this.words = texture(gl);
     this.colors = texture(gl);
-    this.order = gl.createBuffer();
+    this.order = texture(gl);
     this.quads = gl.createVertexArray();
-    gl.bindVertexArray(this.quads);
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    const index = gl.getAttribLocation(this.program, "index");
-    gl.enableVertexAttribArray(index);
-    gl.vertexAttribIPointer(index, 1, gl.UNSIGNED_INT, 0, 0);
-    gl.vertexAttribDivisor(index, 1);
-    gl.bindVertexArray(null);
+    this.corners = gl.createBuffer();
   }
 
   // What all ticks share: ranges [6] and colours [4 N].
@@ -118,6 +117,16 @@ export class Splats {
     gl.bindTexture(gl.TEXTURE_2D, this.words);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB32UI, WIDTH, this.rows, 0, gl.RGB_INTEGER,
       gl.UNSIGNED_INT, null);
+    gl.bindTexture(gl.TEXTURE_2D, this.order);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32UI, WIDTH, this.rows, 0, gl.RED_INTEGER,
+      gl.UNSIGNED_INT, null);
+    const corners = new Uint32Array(6 * count);
+    for (let k = 0; k < count; k++)
+      corners.set([4 * k, 4 * k + 1, 4 * k + 2, 4 * k + 2, 4 * k + 1, 4 * k + 3], 6 * k);
+    gl.bindVertexArray(this.quads);
+    gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, this.corners);
+    gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, corners, gl.STATIC_DRAW);
+    gl.bindVertexArray(null);
   }
 
   // The Gaussians of a tick [3 N], or null when only the order has changed, and their order [N].
@@ -128,8 +137,9 @@ export class Splats {
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RGB_INTEGER, gl.UNSIGNED_INT,
         padded(words, Uint32Array, 3 * WIDTH * this.rows));
     }
-    gl.bindBuffer(gl.ARRAY_BUFFER, this.order);
-    gl.bufferData(gl.ARRAY_BUFFER, order, gl.STREAM_DRAW);
+    gl.bindTexture(gl.TEXTURE_2D, this.order);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RED_INTEGER, gl.UNSIGNED_INT,
+      padded(order, Uint32Array, WIDTH * this.rows));
     this.count = order.length;
   }
 
@@ -142,19 +152,19 @@ export class Splats {
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    gl.activeTexture(gl.TEXTURE1);
-    gl.bindTexture(gl.TEXTURE_2D, this.colors);
+    for (const [unit, name] of ["words", "order", "colors"].entries()) {
+      gl.activeTexture(gl.TEXTURE0 + unit);
+      gl.bindTexture(gl.TEXTURE_2D, this[name]);
+      gl.uniform1i(places[name], unit);
+    }
     gl.activeTexture(gl.TEXTURE0);
-    gl.bindTexture(gl.TEXTURE_2D, this.words);
-    gl.uniform1i(places.words, 0);
-    gl.uniform1i(places.colors, 1);
     gl.uniformMatrix4fv(places.modelView, false, modelView);
     gl.uniformMatrix4fv(places.projection, false, projection);
     gl.uniform2f(places.size, width, height);
     gl.uniform3f(places.low, ranges[0], ranges[1], ranges[2]);
     gl.uniform3f(places.steps, ranges[3], ranges[4], ranges[5]);
     gl.bindVertexArray(this.quads);
-    gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, this.count);
+    gl.drawElements(gl.TRIANGLES, 6 * this.count, gl.UNSIGNED_INT, 0);
     gl.bindVertexArray(null);
   }
 }
