@@ -27,7 +27,7 @@ class EyeReading(NamedTuple):
     features: Array  # [2, 80] in -1..1, of left-like eyes
     gaze: Array  # [2, 3] unit vectors, head frame
     lids: Array  # [2] opening: 0 shut .. 1 open
-    score: Array  # [2] 0..1: is this the right eye, seen by a working camera?
+    score: Array  # [2] 0..1: is this the right eye, seen by a working camera? 0: a flat picture
 
 
 class EyeEncoder:
@@ -49,11 +49,13 @@ class EyeEncoder:
         self,
         eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
     ) -> EyeReading:
-        from encoder.eye_network import normalised, pixels, unit
+        from encoder.eye_network import MIN_SPREAD, normalised, pixels, unit
 
-        features, heads = self._session.run(None, {"pixels": normalised(pixels(eyes))})
+        small = pixels(eyes)
+        features, heads = self._session.run(None, {"pixels": normalised(small)})
         gaze = unit(np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1))
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
+        score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
         return EyeReading(features, gaze, np.clip(heads[:, 2], 0, 1), score)
 
     def synthesise(

@@ -26,6 +26,8 @@ SOURCES = ("camera", "other eye", "synthesised")
 HOLD_FRAMES = FPS // 5  # 200 ms
 FADE_FRAMES = 6  # from one source to the next; back within 300 ms
 GOOD_SCORE = 0.5
+# A shut eye is hard to tell from no eye: what was good lately and now looks shut is a blink.
+BLINK_FRAMES, BLINK_LID = FPS // 2, 0.5
 SHUT, OPEN = 0.12, 0.35  # lid openings: below, gaze is not seen; above, it is
 
 
@@ -48,6 +50,7 @@ class EyeState:
     source: tuple[int, int] = (WALK, WALK)
     lost: tuple[int, int] = (HOLD_FRAMES, HOLD_FRAMES)  # frames since the own camera was good
     fade: tuple[int, int] = (FADE_FRAMES, FADE_FRAMES)  # frames since the source changed
+    trust: tuple[int, int] = (0, 0)  # frames for which a doubtful shut eye still is one
     walking: bool = False
 
 
@@ -73,7 +76,7 @@ class EyeTracker:
         fresh: NDArray[np.bool_],  # [2] the picture is new enough
         state: EyeState,
     ) -> tuple[Seen, EyeState]:
-        good = np.zeros(2, bool) if reading is None else fresh & (reading.score >= GOOD_SCORE)
+        good, trust = _good(reading, fresh, state.trust)
         own = None
         if reading is not None and good.any():
             own = self._calibrated(reading, state.calibration)
@@ -95,7 +98,13 @@ class EyeTracker:
             seen = _faded(faded, seen, fade)
         fade = [min(f + 1, FADE_FRAMES) for f in fade]
         after = replace(
-            state, shown=seen, faded=faded, source=source, lost=lost, fade=(fade[0], fade[1])
+            state,
+            shown=seen,
+            faded=faded,
+            source=source,
+            lost=lost,
+            fade=(fade[0], fade[1]),
+            trust=trust,
         )
         return seen, after
 
@@ -144,6 +153,18 @@ class EyeTracker:
         if shown is None or sight == 1:
             return here
         return here._replace(gaze=_turn(shown.gaze[eye], here.gaze, sight))
+
+
+def _good(
+    reading: EyeReading | None, fresh: NDArray[np.bool_], trust: tuple[int, int]
+) -> tuple[NDArray[np.bool_], tuple[int, int]]:
+    """Which eyes are seen [2], and the trust that is left."""
+    if reading is None:
+        return np.zeros(2, np.bool_), (0, 0)
+    sure = fresh & (reading.score >= GOOD_SCORE)
+    shut = fresh & (reading.score > 0) & (reading.lids < BLINK_LID) & (np.array(trust) > 0)
+    left = [BLINK_FRAMES if sure[e] else max(trust[e] - 1, 0) for e in (0, 1)]
+    return sure | shut, (left[0], left[1])
 
 
 def _source(

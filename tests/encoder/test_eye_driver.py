@@ -72,7 +72,8 @@ def drive(
 def test_eyes_are_seen_and_the_future_is_not(backend: BackendName) -> None:
     d, eyes, valid = driver(backend), pictures(20), np.ones((20, 2), bool)
     codes, gaze, _ = drive(d, eyes, valid)
-    for junk in (0, 200):
+    noise = np.random.default_rng(0).integers(0, 256, (400, 400), dtype=np.uint8)
+    for junk in (drawn_eye(0.2, -0.1, 0.8), noise):
         changed = eyes.copy()
         changed[12:] = junk
         other, other_gaze, _ = drive(d, changed, valid)

@@ -65,6 +65,7 @@ def test_finite_on_any_picture() -> None:
         reading = encode(eyes.astype(np.uint8))
         assert all(np.isfinite(array).all() for array in reading)
         assert np.abs(reading.features).max() <= 1
+        assert (reading.score == 0).all() or eyes.std() > 4  # a flat picture is no eye
         assert np.abs(np.linalg.norm(reading.gaze, axis=1) - 1).max() < 1e-6
         assert (reading.gaze[:, 2] > 0.5).all()
 

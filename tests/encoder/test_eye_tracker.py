@@ -9,6 +9,7 @@ from eye_material import encoder, graph, looks
 from encoder.eye_calibration import EyeCalibration
 from encoder.eye_encoder import EyeReading
 from encoder.eye_tracker import (
+    BLINK_FRAMES,
     FADE_FRAMES,
     HOLD_FRAMES,
     OTHER,
@@ -151,6 +152,19 @@ def test_a_low_score_is_a_lost_eye() -> None:
     rows[20:] = [r._replace(score=np.array([0.2, 0.9], np.float32)) for r in rows[20:]]
     _, states = follow(list(rows), np.ones((60, 2), bool))
     assert states[19].source == (OWN, OWN) and states[-1].source == (OTHER, OWN)
+
+
+def test_a_doubtful_shut_eye_is_a_blink_for_half_a_second() -> None:
+    rows = readings(60)
+    shut, doubt = np.full(2, 0.1, np.float32), np.full(2, 0.2, np.float32)
+    rows[20:50] = [r._replace(score=doubt, lids=shut) for r in rows[20:50]]
+    seen, states = follow(list(rows), np.ones((60, 2), bool))
+    assert seen[20].lids[0] < 0.2 and states[20 + BLINK_FRAMES - 1].source == (OWN, OWN)
+    assert states[20 + BLINK_FRAMES - 1].lost == (0, 0)
+    assert states[20 + BLINK_FRAMES].lost == (1, 1)  # shut for too long: no eye
+    flat = [r._replace(score=np.zeros(2, np.float32)) for r in rows[20:50]]
+    _, states = follow(rows[:20] + flat, np.ones((50, 2), bool))
+    assert states[20].lost == (1, 1)  # a flat picture is no blink
 
 
 def test_gaze_rests_while_the_lids_are_shut() -> None:
