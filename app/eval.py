@@ -1,4 +1,4 @@
-"""`livedrive eval speech | eyes | ab`: what was trained, judged on what it never saw."""
+"""`livedrive eval speech | eyes | ab | prior`: what was trained, judged on what it never saw."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -8,17 +8,19 @@ from tyro.conf import subcommand
 
 from app.eval_ab import EvalAb
 from app.eval_eyes import EvalEyes
+from app.eval_prior import EvalPrior
 from app.eval_speech import EvalSpeech
 
 
 @dataclass(kw_only=True)
 class Eval:
-    """Judge the trained networks: speech | eyes | ab."""
+    """Judge the trained networks: speech | eyes | ab | prior."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[EvalSpeech, subcommand("speech")]
         | Annotated[EvalEyes, subcommand("eyes")]
         | Annotated[EvalAb, subcommand("ab")]
+        | Annotated[EvalPrior, subcommand("prior")]
     ]
 
     def run(self) -> None:

@@ -36,6 +36,8 @@ class Train:
     """Instead of the preset's."""
     face: Path = Path("face")
     """prior: folder of the face data."""
+    take: Path | None = None
+    """prior: a Live Link Face table; its first part is learned from, the rest is held out."""
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
     stream_minutes: float = 80.0
@@ -53,7 +55,9 @@ class Train:
             from render import weights_file
             from render.training import prior
 
-            prior.run(self.face, self.out or weights_file.FOLDER, seed=self.seed)
+            out = self.out or weights_file.FOLDER
+            work = self.data / f"prior_{self.preset}"
+            prior.run(self.face, out, self.preset, work, self.take, self.seed)
         else:
             from app.training import run_stage
 

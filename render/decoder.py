@@ -1,80 +1,90 @@
 """The decoder D(x, g; identity): expression code and gaze -> mesh and Gaussians (paper Sec. 3).
 
-This first decoder is linear in the expression code: the code's 256 numbers are rig activations
-in coordinates where distance is vertex distance (render/training/prior.py), the mesh follows,
-the eyeballs turn with the gaze, and Gaussians ride on the triangles.
+code -> rig -> posed mesh (`render/posing.py`); code and bias maps -> change of light
+(`render/light_decoder.py`); both -> Gaussians that ride on the skin (`render/surface.py`).
 """
 
 from dataclasses import dataclass
 from pathlib import Path
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from render import surface as surfaces
 from render import weights_file
+from render.coding import EXPRESSION_DIM, Coding
 from render.identity import Identity
+from render.light_decoder import LightNet
+from render.lighting import HALF
+from render.posing import Posing, turn
+from render.surface import Still, Surface
 from render.types import Gaussians, Mesh
 
+__all__ = ["EXPRESSION_DIM", "KIND", "Decoder", "turn"]
 KIND = "prior"
-EXPRESSION_DIM = 256
-FLATNESS = 0.25  # thickness of an anchored Gaussian, as a share of its width
-HIGHLIGHT = np.array([0.30, 0.42, 0.86])  # where the key light mirrors in the cornea
+NUM_RIG = 53  # shapes of the rig; the tongue's come after them
+CORNEA_MM, CORNEA_RADIUS_MM = np.array([1.11, 0.07, 8.68], np.float32), 9.0  # from the eye's centre
+HIGHLIGHT_MM, HIGHLIGHT_OPACITY = 0.5, 0.85
+MOUTH_OPENS_MM = 0.4  # gap of the lips at which the inside of the mouth is drawn in full
 Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
 class Decoder:
-    """D: shared by all identities; holds no state."""
+    """D: shared by all identities; holds no state but what follows from an identity."""
 
-    rig_names: list[str]
-    to_code: Floats  # [53, 256]
-    to_rig: Floats  # [256, 53]
-    basis: csr_array  # [V * 3, 53] mm at full activation
+    rig_names: list[str]  # [53]
+    coding: Coding
+    posing: Posing
+    surface: Surface
+    light: LightNet
+    read: csr_array  # [U, texels] map of the light decoder -> used vertices
+    opacities: Floats  # [N]
+    interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]
-    eyeballs: tuple[NDArray[np.int32], NDArray[np.int32]]  # vertex sets, left eye first
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
-    corners: NDArray[np.int32]  # [3, N] vertex of each anchor's triangle
-    barycentric: Floats  # [3, N, 1]
-    rest_scales: Floats  # [N] mm
-    rest_areas: Floats  # [N] mm^2, twice the area of the triangle on the mean face
+    _known: "WeakKeyDictionary[Identity, tuple[Floats, Still]]"
 
     @classmethod
     def load(cls, folder: Path = weights_file.FOLDER) -> "Decoder":
         """Read the prior's weights; raise InputError when they are missing or damaged."""
-        t, card = weights_file.load(folder / "prior", KIND)
-        rows = t["geometry_rows"]
-        basis = csr_array(
-            (t["basis_values"].astype(np.float32), t["basis_columns"].astype(np.int32), rows),
-            shape=(len(rows) - 1, len(card["rig_names"])),
-        )
-        faces = t["faces"].astype(np.int32)
-        regions = {
-            name.removeprefix("region_"): t[name].astype(np.int32)
-            for name in t
-            if name.startswith("region_")
-        }
-        return cls(
-            rig_names=list(card["rig_names"]),
-            to_code=t["to_code"],
-            to_rig=t["to_rig"],
-            basis=basis,
-            faces=faces,
-            eyeballs=(regions["eyeball_l"], regions["eyeball_r"]),
-            regions=regions,
-            corners=np.ascontiguousarray(faces[t["anchor_triangles"]].T),
-            barycentric=np.ascontiguousarray(t["anchor_barycentric"].T)[..., None],
-            rest_scales=t["anchor_scales"],
-            rest_areas=t["anchor_areas"],
-        )
+        from render.prior_file import load
 
-    def encode(self, rig: Floats) -> Floats:  # [..., 53] -> [..., 256]
+        return cls(**load(folder), _known=WeakKeyDictionary())
+
+    @property
+    def to_code(self) -> Floats:
+        """[53, 256] rig activations -> code."""
+        return self.coding.to_code[:NUM_RIG]
+
+    @property
+    def to_rig(self) -> Floats:
+        """[256, 53] code -> rig activations."""
+        return self.coding.to_rig[:, :NUM_RIG]
+
+    @property
+    def basis(self) -> csr_array:
+        """[V * 3, 53] mm at full activation."""
+        return self.posing.basis[:, :NUM_RIG]
+
+    @property
+    def eyeballs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Vertex sets, left eye first."""
+        return self.posing.eyeballs
+
+    def encode(self, rig: Floats) -> Floats:  # [..., 53] or with the tongue [..., 55] -> [..., 256]
         """The expression code of rig activations."""
-        return rig.astype(np.float32) @ self.to_code
+        return rig.astype(np.float32) @ self.coding.to_code[: rig.shape[-1]]
 
     def rig(self, expression: Floats) -> Floats:  # [..., 256] -> [..., 53]
         """Rig activations (ICT names, in the order of `rig_names`) of an expression code."""
         return expression.astype(np.float32) @ self.to_rig
+
+    def sample(self, rng: np.random.Generator) -> Floats:  # [256]
+        """A plausible face: a draw from the prior over codes."""
+        return self.coding.code(rng.standard_normal(EXPRESSION_DIM).astype(np.float32))
 
     def vertices(
         self,
@@ -83,12 +93,18 @@ class Decoder:
         identity: Identity,
     ) -> Floats:  # [V, 3] mm, head at rest
         """The mesh's vertices."""
-        offsets = self.basis @ self.rig(expression)
-        vertices = identity.geometry + offsets.reshape(-1, 3)
-        for eye, members in enumerate(self.eyeballs):
-            center = identity.eye_centers[eye]
-            vertices[members] = (identity.geometry[members] - center) @ turn(gaze[eye]).T + center
-        return vertices
+        return self.posing.pose(
+            expression.astype(np.float32) @ self.coding.to_rig, gaze, identity.rest
+        )
+
+    def seen(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [2, U]
+        """Shares of the sky and of the key light that reach each used vertex."""
+        at_rest, _ = self._follows(identity)
+        code = self.coding.normalised(expression.astype(np.float32))
+        change = self.light(code, identity.biases).T - at_rest
+        out = np.stack([self.read @ change[0], self.read @ change[1]])
+        out += identity.seen
+        return np.clip(out, 0, 1, out=out)
 
     def decode(
         self,
@@ -96,50 +112,46 @@ class Decoder:
         gaze: Floats,  # [2, 3] unit vectors, left eye first
         identity: Identity,
     ) -> tuple[Mesh, Gaussians]:
-        """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, hair and highlights."""
+        """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, highlights and hair."""
         vertices = self.vertices(expression, gaze, identity)
-        a, b, c = (vertices.take(self.corners[k], 0) for k in range(3))
-        wa, wb, wc = self.barycentric
-        count, hair = len(a), identity.hair
+        _, still = self._follows(identity)
+        seen = self.seen(expression, identity)
+        rows, widths = self.surface.place(vertices, seen, still)
+        count, hair = len(widths), identity.hair
         total = count + 2 + len(hair)
-        means, quats = np.empty((total, 3), np.float32), np.zeros((total, 4), np.float32)
-        scales = np.empty((total, 3), np.float32)
+        means, quats = np.empty((total, 3), np.float32), np.empty((total, 4), np.float32)
+        scales, opacities = np.empty((total, 3), np.float32), np.empty(total, np.float32)
+        colors = np.empty((total, 3), np.float32)
 
-        means[:count] = a * wa + b * wb + c * wc
-        normal = _cross(b - a, c - a)
-        area = np.sqrt(np.einsum("nk,nk->n", normal, normal)) + 1e-9
-        # The shortest turn from z to the normal; the plane's splats are round, so it suffices.
-        quats[:count, 0] = area + normal[:, 2] + 1e-4 * area
-        quats[:count, 1] = -normal[:, 1]
-        quats[:count, 2] = normal[:, 0]
-        width = self.rest_scales * np.clip(np.sqrt(area / self.rest_areas), 0.5, 1.6)
-        scales[:count, :2] = width[:, None]
-        scales[:count, 2] = width * FLATNESS
+        means[:count] = rows[:3].T
+        quats[:count] = surfaces.facing(rows[3:6])
+        scales[:count] = widths[:, None]
+        scales[:count, 2] *= surfaces.FLATNESS
+        opacities[:count] = self.opacities * identity.shown
+        gap = self.posing.mouth.gaps(vertices).max()
+        opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
+        colors[:count] = surfaces.colors(identity.albedo, rows[6:9], rows[9])
 
         shine = slice(count, count + 2)
-        means[shine] = identity.eye_centers + 15.6 * HIGHLIGHT
-        quats[shine] = (1, 0, 0, 0)
-        scales[shine] = 0.55
+        for eye, side in enumerate((1, -1)):
+            cornea = turn(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
+            means[count + eye] = identity.eye_centers[eye] + cornea + CORNEA_RADIUS_MM * HALF
+        quats[shine], scales[shine] = (1, 0, 0, 0), HIGHLIGHT_MM
+        opacities[shine], colors[shine] = HIGHLIGHT_OPACITY, 1
 
         rest = slice(count + 2, total)
         means[rest], quats[rest], scales[rest] = hair.means, hair.quats, hair.scales
-        cloud = Gaussians(means, quats, scales, identity.opacities, identity.colors)
-        return Mesh(vertices, self.faces), cloud
+        opacities[rest], colors[rest] = hair.opacities, hair.colors
+        return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
 
-
-def turn(gaze: Floats) -> Floats:  # [3] unit -> [3, 3]
-    """Rotation of an eyeball that looks along `gaze`: yaw about y, then pitch, no roll."""
-    yaw = np.arctan2(gaze[0], gaze[2])
-    pitch = -np.arcsin(np.clip(gaze[1], -1, 1))
-    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
-    around_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]], np.float32)
-    around_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]], np.float32)
-    return around_y @ around_x
-
-
-def _cross(u: Floats, v: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 3]
-    out = np.empty_like(u)
-    out[:, 0] = u[:, 1] * v[:, 2] - u[:, 2] * v[:, 1]
-    out[:, 1] = u[:, 2] * v[:, 0] - u[:, 0] * v[:, 2]
-    out[:, 2] = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    return out
+    def _follows(self, identity: Identity) -> tuple[Floats, Still]:
+        """What follows from an identity alone: the light map and the surface at rest."""
+        known = self._known.get(identity)
+        if known is None:
+            neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
+            known = (
+                self.light(neutral, identity.biases).T,
+                self.surface.still(identity.geometry),
+            )
+            self._known[identity] = known
+        return known

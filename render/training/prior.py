@@ -1,9 +1,8 @@
-"""`livedrive train prior`: the face data -> the decoder's weights and the avatars.
+"""`livedrive train prior`: the face data -> the prior over faces, and the avatars that ship.
 
-The expression code is a change of coordinates of the rig, chosen so that the distance between two
-codes is the distance between two faces (root of the weighted squared vertex distance), spread
-over 256 dimensions by a random rotation. It is fitted in closed form; a learned, non-linear prior
-over faces takes its place later behind the same interface.
+Stages, each resumable: virtual people and the light on their faces (truth.py), places of the
+Gaussians (anchors.py), photometric fit (fit.py), VAE, identity encoder and light decoder
+(learn.py), avatars (avatars.py).
 """
 
 from dataclasses import dataclass
@@ -11,13 +10,14 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from tqdm import tqdm
 
-from render import identity, weights_file
-from render.decoder import EXPRESSION_DIM, KIND, Decoder
-from render.training import appearance, face_data, hair
-from render.training.visibility import seen, views
-from render.types import Gaussians
+from render import atlas, prior_file, weights_file
+from render.coding import EXPRESSION_DIM, Coding, extend
+from render.decoder import NUM_RIG, Decoder
+from render.errors import InputError
+from render.training import anchors as places
+from render.training import assembly as assemblies
+from render.training import avatars, face_data, fit, learn, people, truth
 
 LICENCE = (
     "derived from the ICT Face Model Light (MIT, (c) 2020 USC Institute for Creative "
@@ -25,98 +25,114 @@ LICENCE = (
 )
 # Squared weight of a region's vertices in the distance between two faces.
 REGION_WEIGHT = {"lips": 8.0, "eyelids": 8.0, "inner_mouth_lip_roll": 4.0}
-SMALLEST_MM = 0.01  # displacements below it are left out of the basis
-# What can come to light: an open mouth, bared teeth, closed eyes.
-POSES: tuple[dict[str, float], ...] = (
-    {},
-    {"jawOpen": 0.9, "mouthUpperUp_L": 0.8, "mouthUpperUp_R": 0.8},
-    {"jawOpen": 0.4, "mouthLowerDown_L": 1, "mouthLowerDown_R": 1, "mouthFunnel": 0.5},
-    {"mouthSmile_L": 1, "mouthSmile_R": 1, "jawOpen": 0.2, "eyeBlink_L": 1, "eyeBlink_R": 1},
-    {"eyeWide_L": 1, "eyeWide_R": 1, "mouthStretch_L": 1, "mouthStretch_R": 1, "jawOpen": 0.5},
-)
-KEPT_REGIONS = (
-    *("lips", "lips_upper", "lips_lower", "upper_face", "eyelids", "brows", "eyeball_l"),
-    *("eyeball_r", "inner_mouth_lip_roll"),
-)
+SMALLEST_DEVIATION = 0.05
+HELD_OUT_PEOPLE = 10
 
 
-@dataclass(frozen=True)
-class Person:
-    """The recipe of one avatar."""
+@dataclass(frozen=True, kw_only=True)
+class Preset:
+    """Sizes of a run."""
 
-    seed: int  # of the 100 identity modes
-    strength: float  # standard deviations of the modes
-    skin: str
-    eye: str
-    hair: str
-    tint: tuple[float, float, float] | None
+    people: int
+    poses: int  # of each person, beside the neutral face
+    gaussians: int  # asked for; a third is never seen and left out
+    fit_people: int
+    fit_steps: int  # pictures
+    steps: int  # of the networks
 
 
-PEOPLE = {
-    "ben": Person(
-        11, 0.55, "albedo/mh_young_lightskinned_male2.jpg", "eye_brownlight.png", "short04", None
+PRESETS = {
+    "debug": Preset(people=10, poses=1, gaussians=22_000, fit_people=5, fit_steps=6, steps=10),
+    "default": Preset(
+        people=300, poses=3, gaussians=46_000, fit_people=80, fit_steps=640, steps=1200
     ),
-    "ada": Person(
-        5,
-        0.5,
-        "albedo/mh_young_lightskinned_female3.jpg",
-        "eye_green.png",
-        "bob02_swept",
-        (0.33, 0.2, 0.12),
-    ),
-    "kofi": Person(
-        23, 0.5, "albedo/mh_young_darkskinned_male.jpg", "eye_brown.png", "short01", None
+    "paper": Preset(
+        people=3000, poses=12, gaussians=96_000, fit_people=3000, fit_steps=40_000, steps=60_000
     ),
 }
 
 
 def run(
-    face_folder: Path, out: Path, anchors: int = 30000, hairs: int = 4000, seed: int = 0
+    face_folder: Path,
+    out: Path,
+    preset: str,
+    work: Path,
+    take: Path | None = None,
+    seed: int = 0,
 ) -> None:
-    """Fit the prior, bake every avatar, and write weights and cards under `out`."""
-    face = face_data.load(face_folder)
-    command = f"livedrive train prior --face DIR --seed {seed}"
-    common = {"command": command, "licence": LICENCE, "seed": seed}
-    placed = prune(face, appearance.place(face, anchors, seed))
-    tensors = {**code(face, seed), **basis(face), **anchored(face, placed)}
-    tensors["faces"] = face.faces.astype(np.uint16)
-    for name in KEPT_REGIONS:
-        tensors[f"region_{name}"] = face.regions[name].astype(np.uint16)
-    error = np.abs(tensors["to_code"] @ tensors["to_rig"] - np.eye(len(face.rig_names))).max()
-    metrics = {"gaussians": len(placed.triangles), "rig_round_trip_max_error": float(error)}
-    card = {"kind": KIND, "rig_names": face.rig_names, "metrics": metrics, **common}
-    weights_file.save(out / "prior", tensors, card)
-    for name, person in tqdm(PEOPLE.items(), desc="avatars", unit="avatar"):
-        card = {"kind": identity.KIND, "recipe": vars(person), **common}
-        path = out / f"{identity.PREFIX}{name}"
-        weights_file.save(path, bake(face, placed, person, hairs), card)
+    """Train into `out`; intermediate results live in `work` and are used again."""
+    import torch
+
+    torch.set_num_threads(1)
+    size = PRESETS[preset]
+    assembly = assemblies.build(face_data.load(face_folder))
+    seeds = range(size.people)
+    known = truth.run(assembly, work / "people", seeds, size.poses, take, held_out=False)
+    anchors = place(assembly, size.gaussians, seed, work / f"anchors_{size.gaussians}.npz")
+    first = known.rows(range(size.fit_people))
+    studio = fit.Studio(assembly, anchors, first, work / f"levels_{size.gaussians}")
+    fitted = fit.run(studio, len(first.seeds), work / "fit.state", size.fit_steps, seed)
+    used = studio.surface.used
+    coding = code(assembly, known, weights_file.FOLDER, seed)
+    at = atlas.build(assembly.places[used])
+    examples = learn.examples(assembly, known, coding, at, used)
+    held_seeds = range(people.HELD_OUT, people.HELD_OUT + min(HELD_OUT_PEOPLE, size.people))
+    held = truth.run(assembly, work / "people", held_seeds, size.poses, take, held_out=True)
+    judged = learn.examples(assembly, held, coding, at, used)
+    weight = vertex_weights(assembly, used)
+    nets, left = learn.run(examples, judged, at.read, weight, size.steps, seed)
+    tensors = prior_file.tensors(assembly, anchors, fitted, coding, nets, used)
+    kinds = assembly.kinds[anchors.triangles]
+    tensors |= avatars.eyes(assembly, kinds, places.uv(assembly, anchors), fitted.mixing)
+    common = {
+        "command": f"livedrive train prior --face DIR --preset {preset} --seed {seed}",
+        "licence": LICENCE,
+        "seed": seed,
+    }
+    metrics = {
+        "gaussians": len(anchors.triangles),
+        "people": size.people,
+        "fit_pictures": size.fit_steps,
+        "light_unexplained_held_out": left,
+    }
+    card = {"kind": prior_file.KIND, "rig_names": assembly.face.rig_names, "metrics": metrics}
+    weights_file.save(out / "prior", tensors, {**card, **common})
     Decoder.load(out)
+    avatars.run(assembly, out, common)
 
 
-def prune(face: face_data.FaceData, placed: appearance.Anchors) -> appearance.Anchors:
-    """Leave out what no expression shows: roots of teeth, the depths of the mouth, sockets."""
-    visible = np.zeros(len(placed.triangles), bool)
-    cameras = list(views())
-    for pose in POSES:
-        vertices = face.neutral.copy()
-        for name, activation in pose.items():
-            vertices += activation * face.rig[face.rig_names.index(name)]
-        corners = vertices[face.faces[placed.triangles]]
-        means = (corners * placed.barycentric[..., None]).sum(1)
-        scales = np.repeat(placed.scales[:, None], 3, 1)
-        still = np.tile(np.array([1, 0, 0, 0], np.float32), (len(means), 1))
-        cloud = Gaussians(means, still, scales, placed.opacities, np.zeros_like(means))
-        visible |= seen(cloud, cameras)
-    return appearance.Anchors(
-        placed.triangles[visible],
-        placed.barycentric[visible],
-        placed.scales[visible],
-        placed.opacities[visible],
-    )
+def place(assembly: assemblies.Assembly, count: int, seed: int, path: Path) -> places.Anchors:
+    """The anchors, from `path` if they were placed before."""
+    if path.exists():
+        z = np.load(path, allow_pickle=False)
+        return places.Anchors(z["triangles"], z["barycentric"], z["scales"])
+    made = places.place(assembly, count, seed)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    np.savez(path, **vars(made))
+    return made
 
 
-def code(face: face_data.FaceData, seed: int) -> dict[str, NDArray[np.float32]]:
-    """to_code [53, 256] and its inverse to_rig [256, 53]."""
+def code(assembly: assemblies.Assembly, known: truth.Truth, shipped: Path, seed: int) -> Coding:
+    """The code's fixed map, and the moments of plausible faces in it.
+
+    The map of a shipped prior is kept to the bit: encoders were trained against it.
+    """
+    try:
+        old, _ = weights_file.load(shipped / "prior", prior_file.KIND)
+        to_code, to_rig = old["to_code"][:NUM_RIG], old["to_rig"][:, :NUM_RIG]
+    except InputError:
+        to_code, to_rig = rig_map(assembly.face, seed)
+    full_code, full_rig, free, frame = extend(to_code, to_rig, seed)
+    codes = known.rig @ full_code @ frame.T
+    count = len(full_code)
+    mean, deviation = np.zeros(EXPRESSION_DIM, np.float32), np.ones(EXPRESSION_DIM, np.float32)
+    mean[:count] = codes[:, :count].mean(0)
+    deviation[:count] = np.maximum(codes[:, :count].std(0), SMALLEST_DEVIATION)
+    return Coding(full_code, full_rig, free, frame, mean, deviation)
+
+
+def rig_map(face: face_data.FaceData, seed: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """to_code [53, 256] and its inverse to_rig [256, 53]: distance of codes is that of faces."""
     weight = np.full(len(face.neutral), 1.0)
     for region, value in REGION_WEIGHT.items():
         weight[face.regions[region]] = value
@@ -128,58 +144,16 @@ def code(face: face_data.FaceData, seed: int) -> dict[str, NDArray[np.float32]]:
     normal = np.random.default_rng(seed).standard_normal((EXPRESSION_DIM, len(gram)))
     rotation = np.linalg.qr(normal)[0].T
     scale = np.sqrt(EXPRESSION_DIM)
-    return {
-        "to_code": (scale * lower @ rotation).astype(np.float32),
-        "to_rig": (rotation.T @ np.linalg.inv(lower) / scale).astype(np.float32),
-    }
+    to_code = (scale * lower @ rotation).astype(np.float32)
+    return to_code, (rotation.T @ np.linalg.inv(lower) / scale).astype(np.float32)
 
 
-def basis(face: face_data.FaceData) -> dict[str, NDArray[np.generic]]:
-    """The rig's displacements as compressed sparse rows, one row a coordinate."""
-    from scipy.sparse import csr_array
-
-    moved = face.rig.copy()
-    moved[:, np.concatenate([face.regions["eyeball_l"], face.regions["eyeball_r"]])] = 0
-    moved[np.abs(moved) < SMALLEST_MM] = 0
-    rows = csr_array(moved.reshape(len(moved), -1).T)
-    return {
-        "basis_values": rows.data.astype(np.float16),
-        "basis_columns": rows.indices.astype(np.uint8),
-        "geometry_rows": rows.indptr.astype(np.int32),
-    }
-
-
-def anchored(
-    face: face_data.FaceData, placed: appearance.Anchors
-) -> dict[str, NDArray[np.generic]]:
-    corners = face.neutral[face.faces[placed.triangles]]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    return {
-        "anchor_triangles": placed.triangles,
-        "anchor_barycentric": placed.barycentric,
-        "anchor_scales": placed.scales,
-        "anchor_areas": np.linalg.norm(normal, axis=1).astype(np.float32) + 1e-9,
-    }
-
-
-def bake(
-    face: face_data.FaceData, placed: appearance.Anchors, person: Person, hairs: int
-) -> dict[str, NDArray[np.generic]]:
-    """The tensors of one identity."""
-    rng = np.random.default_rng(person.seed)
-    modes = rng.standard_normal(len(face.identities)).astype(np.float32) * person.strength
-    vertices = face_data.geometry(face, modes)
-    eyes = [face_data.sphere_centre(vertices[face.regions[f"sclera_{side}"]]) for side in "lr"]
-    colors = appearance.colors(face, placed, vertices, person.skin, person.eye)
-    strands = hair.grow(face, vertices, person.hair, person.tint, hairs, person.seed)
-    return {
-        "geometry": vertices.astype(np.float32),
-        "eye_centers": np.stack(eyes),
-        "colors": np.round(colors * 255).astype(np.uint8),
-        "opacities": placed.opacities,
-        "hair_means": strands.means,
-        "hair_quats": strands.quats,
-        "hair_scales": strands.scales.astype(np.float16),
-        "hair_opacities": strands.opacities.astype(np.float16),
-        "hair_colors": np.round(strands.colors * 255).astype(np.uint8),
-    }
+def vertex_weights(
+    assembly: assemblies.Assembly, used: NDArray[np.int32]
+) -> NDArray[np.float32]:  # [U]
+    """How much the light on a vertex matters to the networks."""
+    weight = np.full(len(used), 0.3, np.float32)
+    weight[used >= face_data.SKIN_VERTICES] = 0.5
+    weight[np.isin(used, assembly.face.regions["narrow_face"])] = 1.0
+    weight[np.isin(used, np.concatenate(assembly.posing.eyeballs))] = 1.5
+    return weight

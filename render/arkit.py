@@ -1,0 +1,67 @@
+"""The fixed linear map between the rig and the 52 ARKit blendshapes, and Live Link Face tables.
+
+The rig has every ARKit shape but tongueOut, and two sides of browInnerUp and cheekPuff.
+"""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.errors import InputError
+
+Floats = NDArray[np.float32]
+_SIDED = (
+    *("eyeBlink", "eyeLookDown", "eyeLookIn", "eyeLookOut", "eyeLookUp", "eyeSquint", "eyeWide"),
+    *("mouthSmile", "mouthFrown", "mouthDimple", "mouthStretch", "mouthPress", "mouthLowerDown"),
+    *("mouthUpperUp", "browDown", "browOuterUp", "cheekSquint", "noseSneer"),
+)
+_SINGLE = (
+    *("jawForward", "jawLeft", "jawRight", "jawOpen", "mouthClose", "mouthFunnel", "mouthPucker"),
+    *("mouthLeft", "mouthRight", "mouthRollLower", "mouthRollUpper", "mouthShrugLower"),
+    *("mouthShrugUpper", "browInnerUp", "cheekPuff", "tongueOut"),
+)
+NAMES = sorted([*(f"{n}{s}" for n in _SIDED for s in ("Left", "Right")), *_SINGLE])
+
+
+def matrix(rig_names: list[str]) -> Floats:  # [52, 53]
+    """rig = arkit @ matrix; back: arkit = rig @ pinv(matrix), the mean of split sides."""
+    out = np.zeros((len(NAMES), len(rig_names)), np.float32)
+    for row, name in enumerate(NAMES):
+        sided = name.removesuffix("Left") + "_L" if name.endswith("Left") else ""
+        sided = name.removesuffix("Right") + "_R" if name.endswith("Right") else sided
+        options = {sided} if _is_sided(name) else {name, f"{name}_L", f"{name}_R"}
+        for column, rig_name in enumerate(rig_names):
+            if rig_name in options:
+                out[row, column] = 1
+    return out
+
+
+def _is_sided(name: str) -> bool:
+    return any(name in (f"{n}Left", f"{n}Right") for n in _SIDED)
+
+
+def to_rig(arkit: Floats, rig_names: list[str]) -> Floats:  # [..., 52] -> [..., 53]
+    return arkit.astype(np.float32) @ matrix(rig_names)
+
+
+def from_rig(rig: Floats, rig_names: list[str]) -> Floats:  # [..., 53] -> [..., 52]
+    back = np.linalg.pinv(matrix(rig_names)).astype(np.float32)
+    return rig.astype(np.float32) @ back
+
+
+def read_live_link(path: Path) -> Floats:  # [T, 52]
+    """Weights of a Live Link Face table in the order of NAMES; rows without a face are dropped."""
+    with path.open(newline="") as file:
+        rows = list(csv.reader(file))
+    header = [word[:1].lower() + word[1:] for word in rows[0]] if rows else []
+    missing = [name for name in NAMES if name not in header]
+    if missing:
+        raise InputError(
+            f"Live Link table {path}: expected a column {missing[0]!r} (and {len(missing) - 1} "
+            f"more), got {len(header)} columns; export it from Live Link Face again"
+        )
+    columns = [header.index(name) for name in NAMES]
+    full = [row for row in rows[1:] if len(row) >= len(header) and row[columns[0]]]
+    return np.array([[float(row[c]) for c in columns] for row in full], np.float32)

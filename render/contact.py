@@ -1,0 +1,82 @@
+"""Where skin touches skin: lips that meet and lids that close, for any identity and expression.
+
+Sums of blendshapes let the lips cross and leave lids ajar on faces they were not made for. Pairs of
+facing vertices along the mouth and along each lid measure the gap; a crossing is undone by moving
+both sides apart, with a soft falloff around the line. What a person needs to shut at all (`seal`
+of the lips at rest, of the lids at a full blink) is part of the identity.
+"""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
+PUSH_PASSES = 2
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line along which an upper and a lower side meet, cut into columns."""
+
+    upper: Ints  # [P] vertices of the upper side that face ...
+    lower: Ints  # [P] ... these of the lower side
+    nearest: Ints  # [C, K] pairs around each column
+    columns: Floats  # [C] place along the line, mm, rising
+    members: Ints  # [M] vertices that give way
+    place: Floats  # [M] place along the line
+    share: Floats  # [M] -1..1 share of the gap a vertex takes, its sign the way it moves to open
+
+    def gaps(self, vertices: Floats) -> Floats:  # [V, 3] -> [C] mm, below zero where they cross
+        """The gap at each column: the smallest of the pairs around it."""
+        gap = vertices[self.upper, 1] - vertices[self.lower, 1]
+        return gap[self.nearest].min(1)
+
+    def open(self, vertices: Floats, by: Floats) -> None:
+        """Move the sides apart by `by` [C] mm, in place."""
+        vertices[self.members, 1] += self.share * np.interp(self.place, self.columns, by).astype(
+            np.float32
+        )
+
+    def part(self, vertices: Floats) -> None:
+        """Undo a crossing, in place."""
+        for _ in range(PUSH_PASSES):
+            gap = self.gaps(vertices)
+            if gap.min() >= 0:
+                return
+            self.open(vertices, np.maximum(-gap, 0))
+
+    def tensors(self, prefix: str) -> dict[str, NDArray[np.generic]]:
+        """For a weights file."""
+        return {f"{prefix}_{f.name}": getattr(self, f.name) for f in fields(self)}
+
+    @classmethod
+    def of(cls, tensors: dict[str, NDArray], prefix: str) -> "Line":
+        return cls(*(tensors[f"{prefix}_{f.name}"] for f in fields(cls)))
+
+
+def lift_lids(
+    vertices: Floats,  # [V, 3] mm, changed in place
+    lids: Ints,  # [M] vertices that slide on the eyeball
+    reach: Floats,  # [M] mm from the eye's centre below which they may not come
+    center: Floats,  # [3] mm
+) -> None:
+    """Push lid vertices out of the eyeball: straight blendshapes cut through the sphere."""
+    arm = vertices[lids] - center
+    distance = np.sqrt(np.einsum("nk,nk->n", arm, arm))
+    inside = distance < reach
+    if inside.any():
+        scale = reach[inside] / distance[inside]
+        vertices[lids[inside]] = center + arm[inside] * scale[:, None]
+
+
+def eye_radius(eyeball: Floats, center: Floats) -> float:  # [n, 3], [3] -> mm
+    return float(np.median(np.linalg.norm(eyeball - center, axis=1)))
+
+
+def lid_reach(rest: Floats, lids: Ints, center: Floats, radius: float) -> Floats:  # -> [M] mm
+    """How near each lid vertex may come: the eyeball, or where it is at rest if that is nearer."""
+    distance = np.linalg.norm(rest[lids] - center, axis=1)
+    return np.minimum(distance, radius + LID_CLEARANCE_MM).astype(np.float32)

@@ -1,0 +1,213 @@
+"""Judges the prior against the reference renderer: people, expressions and views it never saw.
+
+The truth of a person is the face data's mesh, posed and lit exactly, drawn by the mesh renderer.
+The prior sees that person's mean geometry and texture, codes each expression with its encoder, and
+decodes mesh and Gaussians. Needs the face data.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from render import atlas, cameras, mesh_parts, prior_metrics, weights_file
+from render.avatar import GEOMETRY_UNIT_MM, Maker
+from render.contexts import GLContext
+from render.decoder import Decoder
+from render.identity import Identity
+from render.lighting import Lighting
+from render.mesh_renderer import MeshRenderer
+from render.renderer import wrap_context
+from render.training import assembly as assemblies
+from render.training import expressions, face_data
+from render.types import Camera, Gaussians
+
+Floats = NDArray[np.float32]
+SIZE_PX = 512
+FLAT = Lighting((0, 0, 0), (0, 0, 0), (0, 0, 0), (1, 1, 1), (1, 1, 1))
+EYE_SPAN_MM = 60.0
+IRIS_DEG = 21.0  # half angle of the iris as seen from the eye's centre
+
+
+@dataclass(frozen=True)
+class Subject:
+    """Someone to judge: the truth about them, and their identity as the prior sees it."""
+
+    geometry: Floats  # [V, 3] mm, as given to the prior
+    rest: Any  # render.posing.Rest: the truth at rest
+    skin: Floats  # [1024, 2048, 3]
+    eye: Floats  # [512, 512, 3]
+    identity: Identity
+
+
+class Judge:
+    """Draws truth and decoded Gaussians side by side."""
+
+    def __init__(self, face_folder: Path, context: GLContext) -> None:
+        self.assembly = assemblies.build(face_data.load(face_folder))
+        face = self.assembly.face
+        parts = mesh_parts.build(face.faces, face.uv_faces, face.uv, self.assembly.kinds)
+        self._mesh = MeshRenderer(context, parts)
+        lashes = face.image("eyelash_alpha.png")
+        self._mesh.set_texture("lashes", lashes if lashes.ndim == 3 else lashes[..., None])
+        self._splats = wrap_context(context)
+        self.decoder = Decoder.load()
+        self.maker = Maker(context=context)
+        self._dressed: Subject | None = None
+
+    def subject(self, geometry: Floats, skin: Floats, eye: Floats) -> Subject:
+        identity = self.maker.identity("judged", geometry, skin, eye)
+        return Subject(geometry, self.assembly.posing.rest(geometry), skin, eye, identity)
+
+    # --- truth ---
+
+    def true_vertices(self, who: Subject, rig: Floats, gaze: Floats) -> Floats:
+        return self.assembly.posing.pose(rig, gaze, who.rest)
+
+    def true_light(self, vertices: Floats) -> Floats:  # [V, 2]
+        return self.maker.occlusion(vertices, self.assembly.normals(vertices))
+
+    def true_picture(
+        self, who: Subject, vertices: Floats, light: Floats, camera: Camera
+    ) -> NDArray[np.uint8]:
+        surface, around = self.decoder.surface, self.decoder.surface.face
+        colors = self.assembly.colors.copy()
+        sums, rest_sums = (
+            around.gather @ around.normals(np.ascontiguousarray(v.T))[1]
+            for v in (vertices, who.rest.geometry)
+        )
+        colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums)).T
+        self._dress(who)
+        return self._mesh.draw(vertices, self.assembly.normals(vertices), colors, light, camera)
+
+    def face_mask(self, who: Subject, vertices: Floats, camera: Camera) -> NDArray[np.bool_]:
+        """Pixels that show the face: front of the head, eyes and mouth; no scalp, ears, neck."""
+        face = self.assembly.face
+        shown = np.ones(len(vertices), bool)
+        shown[: face_data.SKIN_VERTICES] = False
+        shown[face.regions["narrow_face"]] = True
+        colors = np.repeat(shown[:, None], 3, 1).astype(np.float32)  # black hides, white shows
+        light = np.tile(np.float32([1, 0]), (len(vertices), 1))
+        black = replace(camera, background=(0.0, 0.0, 0.0))
+        self._dress(who)
+        picture = self._mesh.draw(
+            vertices, self.assembly.normals(vertices), colors, light, black, FLAT
+        )
+        return picture.max(2) > 12
+
+    def _dress(self, who: Subject) -> None:
+        if self._dressed is not who:
+            self._mesh.set_texture("skin", who.skin)
+            self._mesh.set_texture("eye", who.eye)
+            self._dressed = who
+
+    # --- prior ---
+
+    @cached_property
+    def _encoder(self) -> Any:
+        return self.maker.expression_encoder()
+
+    @cached_property
+    def _atlas(self) -> atlas.Atlas:
+        return atlas.build(self.assembly.places[self.decoder.surface.used])
+
+    @cached_property
+    def rig_basis(self) -> tuple[NDArray[np.int64], Floats]:
+        """Vertices of face and tongue, and the dense basis of their coordinates."""
+        regions = self.assembly.face.regions
+        rows = np.unique(np.concatenate([regions["narrow_face"], regions["tongue"]])).astype(int)
+        index = (rows[:, None] * 3 + np.arange(3)).ravel()
+        return rows, self.decoder.posing.basis[index].toarray()
+
+    def encode(self, who: Subject, vertices: Floats, light: Floats) -> Floats:  # -> [256]
+        """E: change of geometry and of texture (light) from the person's neutral -> code mean."""
+        used = self.decoder.surface.used
+        moved = vertices - who.rest.geometry
+        rows, basis = self.rig_basis
+        rig = prior_metrics.recovered_rig(moved[rows][None], basis)[0]
+        change = light[used] - who.identity.seen.T
+        maps = atlas.picture(
+            self._atlas, np.concatenate([moved[used] / GEOMETRY_UNIT_MM, change], 1)
+        )
+        with torch.no_grad():
+            free, _ = self._encoder(torch.from_numpy(maps)[None])
+        coding = self.decoder.coding
+        return rig @ coding.to_code + free[0].numpy() @ coding.free
+
+    def picture(self, who: Subject, code: Floats, gaze: Floats, camera: Camera):  # type: ignore[no-untyped-def]
+        """Decoded vertices and the picture of the Gaussians [H, W, 3]."""
+        mesh, cloud = self.decoder.decode(code, gaze, who.identity)
+        self._splats.draw(cloud, camera)
+        return mesh.vertices, self._splats.read_rgba()[..., :3].copy()
+
+    # --- eyes ---
+
+    def gaze_error_deg(self, who: Subject, yaw_deg: float, pitch_deg: float) -> float:
+        """Angle between the iris drawn with Gaussians and drawn by the mesh renderer."""
+        gaze = expressions.gaze(yaw_deg, pitch_deg)
+        still = np.zeros(len(self.assembly.names), np.float32)
+        worst = 0.0
+        for eye in range(2):
+            centre = who.rest.eye_centers[eye]
+            camera = _eye_camera(centre)
+            vertices = self.true_vertices(who, still, gaze)
+            white = self._iris(eye, who.rest.geometry)
+            true = self._mesh_iris(who, vertices, white, eye, camera)
+            drawn = self._splat_iris(who, gaze, white, eye, camera)
+            shift = (drawn - true) / camera.K[0, 0] * (900.0 - 15.0)
+            worst = max(worst, float(np.degrees(np.linalg.norm(shift) / 15.6)))
+        return worst
+
+    def _iris(self, eye: int, rest: Floats) -> NDArray[np.bool_]:  # [V]
+        members = self.assembly.face.regions[f"sclera_{'lr'[eye]}"]
+        arm = rest[members] - self.decoder.posing.rest(rest, sealed=True).eye_centers[eye]
+        angle = np.degrees(np.arccos(arm[:, 2] / np.linalg.norm(arm, axis=1)))
+        out = np.zeros(len(rest), bool)
+        out[members[angle < IRIS_DEG]] = True
+        return out
+
+    def _mesh_iris(self, who, vertices, white, eye, camera):  # type: ignore[no-untyped-def]
+        face = self.assembly.face
+        moved = vertices.copy()
+        hidden = np.ones(len(vertices), bool)
+        hidden[face.regions[f"sclera_{'lr'[eye]}"]] = False
+        moved[hidden, 2] -= 3000  # out of the way
+        colors = np.repeat(white[:, None], 3, 1).astype(np.float32)
+        light = np.tile(np.float32([1, 0]), (len(white), 1))
+        plain = Subject(who.geometry, who.rest, who.skin, np.ones((8, 8, 3), "f4"), who.identity)
+        self._dress(plain)
+        picture = self._mesh.draw(moved, self.assembly.normals(vertices), colors,
+                                  light, camera, FLAT)  # fmt: skip
+        return prior_metrics.iris_centre(picture)
+
+    def _splat_iris(self, who, gaze, white, eye, camera):  # type: ignore[no-untyped-def]
+        surface, identity = self.decoder.surface, who.identity
+        _, cloud = self.decoder.decode(np.zeros(256, np.float32), gaze, identity)
+        count = len(surface.scales)
+        members = np.zeros(len(white), np.float32)
+        members[self.assembly.face.regions[f"sclera_{'lr'[eye]}"]] = 1
+        on_eye = surface.interpolate @ members[surface.used] > 0.99
+        bright = surface.interpolate @ white[surface.used].astype(np.float32)
+        rows = np.flatnonzero(on_eye)
+        shown = Gaussians(
+            cloud.means[:count][rows], cloud.quats[:count][rows], cloud.scales[:count][rows],
+            cloud.opacities[:count][rows], np.repeat(bright[rows, None], 3, 1).clip(0, 1),
+        )  # fmt: skip
+        self._splats.draw(shown, camera)
+        return prior_metrics.iris_centre(self._splats.read_rgba()[..., :3])
+
+
+def _eye_camera(centre: Floats) -> Camera:
+    camera = cameras.portrait(SIZE_PX, SIZE_PX, target_mm=tuple(float(c) for c in centre))
+    K = camera.K.copy()
+    K[0, 0] = K[1, 1] = SIZE_PX * 900.0 / EYE_SPAN_MM
+    return Camera(camera.viewmat, K, SIZE_PX, SIZE_PX, camera.near_mm, (0.0, 0.0, 0.0))
+
+
+def weights_mb(folder: Path = weights_file.FOLDER) -> float:
+    """Size of the decoder's weights, in 10^6 bytes."""
+    return (folder / "prior.safetensors").stat().st_size / 1e6

@@ -1,0 +1,116 @@
+"""The mesh half of the decoder: rig activations and gaze -> vertices, for one person at rest.
+
+Linear blendshapes, then what makes them a face: eyeballs that turn, lids that slide on them and
+shut, lips that meet and never cross (`render/contact.py`).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from render.contact import Line, eye_radius, lid_reach, lift_lids
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+GEOMETRY_STEPS = np.float32(128)  # a millimetre; int16 reaches 256 mm
+TOUCH_MM = 0.08  # gap of sealed lips and shut lids
+SOFT_LIMIT = (-0.05, 1.05)  # activations beyond it are drawn in: any code is a plausible face
+CLOSE_MARGIN = 0.04
+OVERSHOOT = 0.25  # how far beyond the limit an activation can get
+
+
+@dataclass(frozen=True)
+class Rest:
+    """One person's face at rest, ready to be posed."""
+
+    geometry: Floats  # [V, 3] mm, lips sealed
+    eye_centers: Floats  # [2, 3] mm, left eye first
+    reach: tuple[Floats, Floats]  # [M] mm per eye, see contact.lid_reach
+    shut: Floats  # [2, C] mm that the lids open more (below 0: close more) at a full blink
+
+
+@dataclass(frozen=True)
+class Posing:
+    """Shared by everyone; holds no state."""
+
+    basis: csr_array  # [V * 3, R] mm at full activation
+    eyeballs: tuple[Ints, Ints]  # vertex sets, left eye first
+    lids: tuple[Ints, Ints]  # vertices that slide on each eyeball
+    mouth: Line
+    lid_lines: tuple[Line, Line]
+    blinks: tuple[int, int]  # rig columns of eyeBlink, left eye first
+    jaw: tuple[int, int]  # rig columns of jawOpen and of mouthClose, which only undoes it
+
+    def rest(self, geometry: Floats, sealed: bool = False) -> Rest:
+        """A person from a neutral geometry [V, 3] mm; lips are sealed unless they are already."""
+        geometry = geometry.astype(np.float32).copy()
+        if not sealed:
+            for _ in range(4):
+                self.mouth.open(geometry, TOUCH_MM - self.mouth.gaps(geometry))
+            # In the steps of avatar files: one that was saved and loaded rests where it rested.
+            geometry = np.rint(geometry * GEOMETRY_STEPS) / GEOMETRY_STEPS
+        centers = np.stack([sphere_centre(geometry[eye]) for eye in self.eyeballs])
+        reach = tuple(
+            lid_reach(geometry, lids, c, eye_radius(geometry[eye], c))
+            for lids, eye, c in zip(self.lids, self.eyeballs, centers, strict=True)
+        )
+        shut = np.zeros((2, len(self.lid_lines[0].columns)), np.float32)
+        draft = Rest(geometry, centers, (reach[0], reach[1]), shut)
+        for _ in range(4):
+            posed = self._blendshapes(self._full_blink(), draft)
+            for eye, line in enumerate(self.lid_lines):
+                shut[eye] += TOUCH_MM - line.gaps(posed)
+        return draft
+
+    def pose(self, rig: Floats, gaze: Floats, rest: Rest) -> Floats:
+        """rig [R], gaze [2, 3] unit vectors -> vertices [V, 3] mm, head at rest."""
+        rig = limit(rig)
+        opened, closed = self.jaw
+        rig[closed] = min(rig[closed], max(rig[opened], 0.0) + CLOSE_MARGIN)
+        vertices = self._blendshapes(rig, rest)
+        self.mouth.part(vertices)
+        for line in self.lid_lines:
+            line.part(vertices)
+        for eye, members in enumerate(self.eyeballs):
+            center = rest.eye_centers[eye]
+            vertices[members] = (rest.geometry[members] - center) @ turn(gaze[eye]).T + center
+        return vertices
+
+    def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
+        vertices = rest.geometry + (self.basis @ rig).reshape(-1, 3)
+        for eye in range(2):
+            blink = min(max(float(rig[self.blinks[eye]]), 0.0), 1.0)
+            self.lid_lines[eye].open(vertices, blink * rest.shut[eye])
+            lift_lids(vertices, self.lids[eye], rest.reach[eye], rest.eye_centers[eye])
+        return vertices
+
+    def _full_blink(self) -> Floats:
+        rig = np.zeros(self.basis.shape[1], np.float32)
+        rig[list(self.blinks)] = 1
+        return rig
+
+
+def limit(rig: Floats) -> Floats:
+    """Identity inside SOFT_LIMIT, beyond it a smooth approach to OVERSHOOT more."""
+    low, high = SOFT_LIMIT
+    inside = np.clip(rig, low, high)
+    return inside + np.float32(OVERSHOOT) * np.tanh((rig - inside) / np.float32(OVERSHOOT))
+
+
+def turn(gaze: Floats) -> Floats:  # [3] unit -> [3, 3]
+    """Rotation of an eyeball that looks along `gaze`: yaw about y, then pitch, no roll."""
+    yaw = np.arctan2(gaze[0], gaze[2])
+    pitch = -np.arcsin(np.clip(gaze[1], -1, 1))
+    cy, sy, cp, sp = np.cos(yaw), np.sin(yaw), np.cos(pitch), np.sin(pitch)
+    around_y = np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]], np.float32)
+    around_x = np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]], np.float32)
+    return around_y @ around_x
+
+
+def sphere_centre(points: Floats) -> Floats:  # [n, 3] -> [3]
+    """Centre of the sphere through the back half of an eyeball's vertices."""
+    back = points[points[:, 2] < points[:, 2].mean()].astype(np.float64)
+    system = np.c_[2 * back, np.ones(len(back))]
+    return np.linalg.lstsq(system, (back**2).sum(1), rcond=None)[0][:3].astype(np.float32)

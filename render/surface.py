@@ -1,0 +1,230 @@
+"""The Gaussian half of the decoder: posed vertices -> Gaussians that ride on the skin.
+
+Each Gaussian is anchored to a triangle (UV Gaussians: a fixed place in texture space, the same for
+everyone). It lies flat on the surface, stretches with it, and its colour is the person's albedo
+under the light that the posed face receives.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from render import lighting
+from render.lighting import STUDIO, Lighting
+
+Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
+SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
+SHINE = np.array([lighting.SKIN_SHINE, lighting.EYE_SHINE, lighting.WET_SHINE, (0, 0)], np.float32)
+FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width
+FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a doubled area
+FLUSHES = (0.6, 1.35)  # share of the area at rest; beyond it the colour stays
+STRETCH = (0.6, 1.5)  # how far the width follows the triangle
+
+
+@dataclass(frozen=True)
+class Around:
+    """Triangles around some vertices."""
+
+    corners: Ints  # [3, F] rows of the mesh's vertices
+    gather: csr_array  # [n, F] adds what the triangles hold around each vertex
+
+    def normals(self, x: Floats) -> tuple[Floats, Floats]:  # [3, V] -> [3, n] unit, [F] mm^2
+        """Of the vertices; and twice the areas of the triangles."""
+        a, b, c = (
+            np.stack([x[k].take(corner, mode="clip") for k in range(3)]) for corner in self.corners
+        )
+        b -= a
+        c -= a
+        flat, work = a, np.empty_like(a[0])
+        for k in range(3):
+            i, j = (k + 1) % 3, (k + 2) % 3
+            np.multiply(b[i], c[j], out=flat[k])
+            np.multiply(b[j], c[i], out=work)
+            flat[k] -= work
+        areas = flat[0] * flat[0]
+        areas += flat[1] * flat[1]
+        areas += flat[2] * flat[2]
+        np.sqrt(areas, out=areas)
+        out = np.stack([self.gather @ flat[k] for k in range(3)])
+        out /= np.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + np.float32(1e-12))
+        return out, areas
+
+
+@dataclass(frozen=True)
+class Still:
+    """What follows from a person at rest; the neck, teeth and scalp keep it when the face moves."""
+
+    normals: Floats  # [3, U] unit
+    sky: Floats  # [3, U] see Lighting.parts
+    lamp: Floats  # [3, U]
+    shine: Floats  # [U] where the key light is seen in full
+    sums: Floats  # [L] twice the area around each live vertex
+    widths: Floats  # [N] mm
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Shared by everyone; holds no state."""
+
+    used: Ints  # [U] vertices that carry Gaussians
+    whole: Around  # all used vertices
+    live: Ints  # [L] rows of `used` on the face and the eyes: lit anew in every frame
+    face: Around  # the live ones
+    interpolate: csr_array  # [N, U] vertices -> anchors
+    triangle: Ints  # [N] triangle of `whole` an anchor lies on
+    live_anchors: Ints  # [A] anchors on triangles of `face`, and ...
+    live_triangle: Ints  # [A] ... which
+    rest_areas: Floats  # [N] mm^2, twice its triangle's area on the mean face
+    scales: Floats  # [N] mm, standard deviation at rest on the mean face
+    shine: Floats  # [2, U] weights of sheen and gloss, see lighting.shine
+    blood: Floats  # [L] 1 where the skin changes colour as it stretches, else 0
+
+    def still(self, vertices: Floats, lights: Lighting = STUDIO) -> Still:  # [V, 3] mm
+        """Prepare a person; vertices are those of the face at rest."""
+        x = np.ascontiguousarray(vertices.T)
+        normals, areas = self.whole.normals(x)
+        soft, gloss = lighting.shine(normals)
+        return Still(
+            normals,
+            *lights.parts(normals),
+            self.shine[0] * soft + self.shine[1] * gloss,
+            self.face.gather @ self.face.normals(x)[1],
+            self.scales * self._stretch(areas.take(self.triangle), self.rest_areas),
+        )
+
+    def place(
+        self,
+        vertices: Floats,  # [V, 3] mm
+        seen: Floats,  # [2, U] shares of the sky and of the key light
+        still: Still,
+        lights: Lighting = STUDIO,
+    ) -> tuple[Floats, Floats]:
+        """Anchored rows [10, N] (position, normal, light, shine) and widths [N] mm."""
+        x = np.ascontiguousarray(vertices.T)
+        normals, areas = self.face.normals(x)
+        sky, lamp = lights.parts(normals)
+        flushed = self.flush(self.face.gather @ areas, still.sums)
+        sky *= flushed
+        lamp *= flushed
+        soft, gloss = lighting.shine(normals)
+        soft *= self.shine[0].take(self.live)
+        gloss *= self.shine[1].take(self.live)
+        soft += gloss
+        rows = np.empty((10, len(self.used)), np.float32)
+        rows[3:6], sky_all, lamp_all, shine = still.normals, still.sky, still.lamp, still.shine
+        sky_all, lamp_all, shine = sky_all.copy(), lamp_all.copy(), shine.copy()
+        shine[self.live] = soft
+        for k in range(3):
+            x[k].take(self.used, out=rows[k], mode="clip")
+            rows[3 + k][self.live] = normals[k]
+            sky_all[k][self.live], lamp_all[k][self.live] = sky[k], lamp[k]
+        rows[6:9] = lighting.shaded(sky_all, lamp_all, seen[0], seen[1])
+        np.multiply(shine, seen[1], out=rows[9])
+        widths, which = still.widths.copy(), self.live_anchors
+        stretch = self._stretch(areas.take(self.live_triangle), self.rest_areas.take(which))
+        widths[which] = self.scales.take(which) * stretch
+        out = np.empty((10, len(self.scales)), np.float32)
+        for k in range(10):
+            out[k] = self.interpolate @ rows[k]
+        return out, widths
+
+    def _stretch(self, areas: Floats, rest_areas: Floats) -> Floats:
+        out = np.sqrt(areas / rest_areas)
+        return np.clip(out, *STRETCH, out=out)
+
+    def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [3, L]
+        """Gain of linear light: stretched skin pales, pressed skin darkens and reddens."""
+        stretch = sums / rest_sums
+        np.clip(stretch, *FLUSHES, out=stretch)
+        stretch -= 1
+        stretch *= self.blood
+        return np.stack([1 + stretch * FLUSH[k] for k in range(3)])
+
+
+def build(
+    mesh: Floats,  # [V, 3] mm, the mean face
+    faces: Ints,  # [F, 3] every triangle of the mesh
+    drawn: Ints,  # [D] rows of `faces` that are drawn
+    kinds: Ints,  # [V] SKIN, EYE, WET or DRY
+    blood: Ints,  # vertices whose skin flushes
+    triangles: Ints,  # [N] the anchors' rows of `faces`
+    weights: Floats,  # [N, 3] barycentric coordinates
+    widths: Floats,  # [N] mm
+) -> Surface:
+    """The linear algebra of a set of anchors."""
+    corners = faces[triangles]
+    used = np.unique(corners)
+    live = np.flatnonzero((kinds[used] == EYE) | np.isin(used, blood))
+    whole, rows_whole = _around(faces, drawn, used, len(mesh))
+    face, rows_face = _around(faces, drawn, used[live], len(mesh))
+    row_of = np.full(len(mesh), -1, np.int32)
+    row_of[used] = np.arange(len(used))
+    count = len(corners)
+    interpolate = csr_array(
+        (
+            weights.ravel().astype(np.float32),
+            row_of[corners.ravel()],
+            np.arange(0, 3 * count + 1, 3, dtype=np.int32),
+        ),
+        shape=(count, len(used)),
+    )
+    a, b, c = (mesh[faces[triangles, k]].astype(np.float32) for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1).astype(np.float32)
+    live_triangle = rows_face[triangles]
+    live_anchors = np.flatnonzero(live_triangle >= 0)
+    return Surface(
+        used=used.astype(np.int32),
+        whole=whole,
+        live=live.astype(np.int32),
+        face=face,
+        interpolate=interpolate,
+        triangle=rows_whole[triangles],
+        live_anchors=live_anchors.astype(np.int32),
+        live_triangle=live_triangle[live_anchors],
+        rest_areas=areas + np.float32(1e-9),
+        scales=widths.astype(np.float32),
+        shine=np.ascontiguousarray(SHINE[kinds[used]].T),
+        blood=(kinds[used[live]] != EYE).astype(np.float32),
+    )
+
+
+def _around(faces: Ints, drawn: Ints, vertices: Ints, count: int) -> tuple[Around, Ints]:
+    """The drawn triangles around vertices; and which of them each triangle [F] is, else -1."""
+    chosen = drawn[np.isin(faces[drawn], vertices).any(1)]
+    near = faces[chosen]
+    row_of = np.full(count, -1, np.int32)
+    row_of[vertices] = np.arange(len(vertices))
+    rows = row_of[near.ravel()]
+    columns = np.repeat(np.arange(len(near), dtype=np.int32), 3)
+    inside = rows >= 0
+    ones = np.ones(int(inside.sum()), np.float32)
+    shape = (len(vertices), len(near))
+    gather = csr_array((ones, (rows[inside], columns[inside])), shape=shape)
+    place = np.full(len(faces), -1, np.int32)
+    place[chosen] = np.arange(len(chosen))
+    return Around(np.ascontiguousarray(near.T), gather), place
+
+
+def colors(albedo: Floats, light: Floats, shine: Floats) -> Floats:
+    """[N, 3] stored albedo, [3, N] light, [N] shine -> [N, 3] stored colour, 0..1."""
+    out = np.empty_like(albedo)
+    for k in range(3):
+        value = albedo[:, k] * albedo[:, k]
+        value *= light[k]
+        value += shine
+        np.minimum(value, 1, out=value)
+        np.sqrt(value, out=value)
+        out[:, k] = value
+    return out
+
+
+def facing(normals: Floats) -> Floats:  # [3, N] unit -> [N, 4] wxyz
+    """The shortest turn from z to the normal; a splat is round in its plane, so it suffices."""
+    quats = np.zeros((normals.shape[1], 4), np.float32)
+    quats[:, 0] = np.float32(1.0001) + normals[2]
+    quats[:, 1] = -normals[1]
+    quats[:, 2] = normals[0]
+    return quats

@@ -1,0 +1,144 @@
+"""Trains the prior's networks: a VAE over expressions, conditioned on who makes them.
+
+Input is the change of geometry and of light from that person's neutral face. The mean of the code
+is the fixed linear map of the rig plus what the encoder finds; the decoder must say how the light
+on the face changes. Held-out people and expressions judge it. Minutes on one core.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from torch import Tensor
+from tqdm import tqdm
+
+from render import networks
+from render.atlas import Atlas, picture
+from render.avatar import GEOMETRY_UNIT_MM, identity_maps, vertex_albedo
+from render.coding import Coding
+from render.training import people
+from render.training.assembly import Assembly
+from render.training.face_data import SKIN_VERTICES
+from render.training.truth import Truth
+
+Floats = NDArray[np.float32]
+NUM_RIG = 55  # shapes of the rig and of the tongue
+KL_WEIGHT = 2e-4
+RATE = 2e-3
+BATCH, JUDGED = 12, 60
+
+
+@dataclass(frozen=True)
+class Examples:
+    """Everything as maps; one row an expression, people apart."""
+
+    identity: Tensor  # [P, 8, 64, 128]
+    person: Tensor  # [N]
+    change: Tensor  # [N, 5, 64, 128]
+    code: Tensor  # [N, 256] normalised; its rig part is the truth, its free part zero
+    light: Tensor  # [N, U, 2] change of the light seen, per vertex
+    neutral_code: Tensor  # [256] normalised code of the neutral face
+
+
+def examples(assembly: Assembly, truth: Truth, coding: Coding, atlas: Atlas, used) -> Examples:  # type: ignore[no-untyped-def]
+    """Pose every sample of the truth; the first of each person is the neutral face."""
+    identities, persons, changes, codes, lights = [], [], [], [], []
+    template = assembly.posing.rest(assembly.face.neutral).geometry[used]
+    still = np.zeros(len(assembly.names), np.float32)
+    plain = np.rint(assembly.colors[used] * 255).astype(np.uint8)
+    for row, seed in enumerate(np.unique(truth.seeds)):
+        rows = np.flatnonzero(truth.seeds == seed)
+        person = people.draw(assembly.face, int(seed))
+        rest = assembly.posing.rest(people.neutral(assembly.face, person))
+        assert (truth.rig[rows[0]] == still).all()
+        base = truth.seen[rows[0]][used].astype(np.float32) / 255
+        skin = people.texture(assembly.face, person)
+        albedo = vertex_albedo(skin, plain, assembly.vertex_uv[used], used < SKIN_VERTICES)
+        identities.append(identity_maps(atlas, albedo, rest.geometry[used] - template, base))
+        for index in rows[1:]:
+            posed = assembly.posing.pose(truth.rig[index], truth.gaze[index], rest)
+            light = truth.seen[index][used].astype(np.float32) / 255 - base
+            moved = (posed - rest.geometry)[used] / GEOMETRY_UNIT_MM
+            changes.append(picture(atlas, np.concatenate([moved, light], 1)))
+            codes.append(coding.normalised(truth.rig[index] @ coding.to_code))
+            lights.append(light)
+            persons.append(row)
+    neutral = coding.normalised(np.zeros(networks.CODE_DIM, np.float32))
+    arrays = (identities, persons, changes, codes, lights, neutral)
+    return Examples(*(torch.from_numpy(np.array(a)) for a in arrays))
+
+
+@dataclass(frozen=True)
+class Networks:
+    identity: networks.IdentityEncoder
+    expression: networks.ExpressionEncoder
+    light: networks.LightDecoder
+
+
+def run(
+    data: Examples,
+    held_out: Examples,
+    read_map: csr_array,  # [U, T]
+    weights: Floats,  # [U] how much a vertex matters
+    steps: int,
+    seed: int,
+) -> tuple[Networks, float]:
+    """Train; also the share of the held-out light's change that stays unexplained."""
+    coo = read_map.tocoo()
+    read = torch.sparse_coo_tensor(
+        np.stack(coo.coords), coo.data, coo.shape, check_invariants=False
+    ).coalesce()
+    weight = torch.from_numpy(weights)
+    networks.set_seed(seed)
+    free_dim = networks.CODE_DIM - NUM_RIG
+    made = Networks(
+        networks.IdentityEncoder(), networks.ExpressionEncoder(free_dim), networks.LightDecoder()
+    )
+    modules = torch.nn.ModuleList([made.identity, made.expression, made.light])
+    optimizer = torch.optim.AdamW(modules.parameters(), RATE, weight_decay=1e-4)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, steps, pct_start=0.1)
+    draw = torch.Generator().manual_seed(seed)
+    bar, recent = tqdm(range(steps), desc="networks", unit="step"), []
+    for _ in bar:
+        rows = torch.randint(len(data.person), (BATCH,), generator=draw)
+        loss, explained = step(made, data, rows, read, weight, draw)
+        optimizer.zero_grad()
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(modules.parameters(), 1.0)
+        optimizer.step()
+        schedule.step()
+        recent.append(explained)
+        bar.set_postfix(left=f"{np.mean(recent[-100:]):.3f}")
+    with torch.no_grad():
+        rows = torch.arange(len(held_out.person))[:JUDGED]
+        left = step(made, held_out, rows, read, weight, None)[1]
+    return made, left
+
+
+def step(
+    made: Networks,
+    data: Examples,
+    rows: Tensor,
+    read: Tensor,
+    weight: Tensor,
+    draw: torch.Generator | None,
+) -> tuple[Tensor, float]:
+    """Loss of a batch, and the share of the light's change that stays unexplained."""
+    biases = made.identity(data.identity[data.person[rows]])
+    free, log_variance = made.expression(data.change[rows])
+    mean = torch.cat([data.code[rows][:, :NUM_RIG], free], 1)
+    noise = torch.zeros_like(mean) if draw is None else torch.randn(mean.shape, generator=draw)
+    spread = torch.exp(0.5 * log_variance)
+    code = mean + noise * spread
+    still = data.neutral_code.expand_as(code)
+    change = made.light(code, biases) - made.light(still, biases)
+    flat = change.flatten(2).permute(2, 0, 1).flatten(1)  # [T, B * 2]
+    light = (read @ flat).reshape(len(weight), len(rows), 2).permute(1, 0, 2)
+    target = data.light[rows]
+    error = (weight[:, None] * (light - target) ** 2).sum() / weight.sum()
+    scale = (weight[:, None] * target**2).sum() / weight.sum()
+    kl = networks.divergence(mean[:, NUM_RIG:], log_variance[:, NUM_RIG:])
+    loss = error / len(rows) * 100 + KL_WEIGHT * kl
+    return loss, float(error.detach() / scale)
