@@ -1,18 +1,14 @@
 """What leaving the machine costs: every protocol, the page, and a crowd that wishes us ill."""
 
-import asyncio
 import json
-import socket
 import subprocess
 import sys
-import threading
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator
 from dataclasses import replace
 from importlib.util import find_spec
 from itertools import cycle, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -89,68 +85,43 @@ def _send(clock: Clock, driven: list[DrivenFrame], avatar: str, seconds: float) 
     from render.decoder import Decoder
 
     reader = FaceReader(Decoder.load())
-    with _receivers() as (ports, counts):
-        urls = [f"{scheme}://127.0.0.1:{port}" for scheme, port in zip(SCHEMES, ports, strict=True)]
-        parts = [len(Target(url).encode(reader(driven[0]))) for url in urls]
-        sender = SendSink(urls, reader)
-        server = WebSink(ServerInfo("127.0.0.1", 0, avatar, page=False), clock)
-        heard: list[int] = []
-        listen = _listener(lambda: server.link.status.get("addresses"), "", heard.append)
-        ticks = _play(clock, driven, [sender, server], seconds)
-        listen.join(5)
-        report = sender.report()
-        metrics: dict[str, Any] = {"sent_ticks": ticks}
-        for scheme, url, num, count in zip(SCHEMES, urls, parts, counts(), strict=True):
-            metrics[f"{scheme}_lost_ticks"] = ticks - count / num
-            for cost in ("p50_ms", "p99_ms", "cpu_ms"):
-                metrics[f"{scheme}_{cost}"] = report[url][cost]
-        # From the first tick that the program saw: it connects while the run has begun.
-        metrics["json_lost_ticks"] = ticks - heard[0] - len(set(heard)) if heard else ticks
+    peers = subprocess.Popen(
+        [sys.executable, "-m", "app.bench_peers"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert peers.stdin and peers.stdout
+    ports = json.loads(peers.stdout.readline())
+    urls = [f"{scheme}://127.0.0.1:{port}" for scheme, port in zip(SCHEMES, ports, strict=True)]
+    parts = [len(Target(url).encode(reader(driven[0]))) for url in urls]
+    sender = SendSink(urls, reader)
+    server = WebSink(ServerInfo("127.0.0.1", 0, avatar, page=False), clock)
+    ticks = _play(clock, driven, [sender, server, Tell(server, peers.stdin)], seconds)
+    told, _ = peers.communicate("end\n")
+    heard, report = json.loads(told), sender.report()
+    metrics: dict[str, Any] = {"sent_ticks": ticks}
+    for scheme, url, num, count in zip(SCHEMES, urls, parts, heard["datagrams"], strict=True):
+        metrics[f"{scheme}_lost_ticks"] = ticks - count / num
+        for cost in ("p50_ms", "p99_ms", "cpu_ms"):
+            metrics[f"{scheme}_{cost}"] = report[url][cost]
+    # From the first tick that the program saw: it connects while the run has begun.
+    metrics["json_lost_ticks"] = ticks - heard["first"] - heard["frames"]
     return metrics
 
 
-@contextmanager
-def _receivers() -> Iterator[tuple[list[int], Callable[[], list[int]]]]:
-    """A UDP port for each protocol, and how many datagrams each has had."""
-    sockets = [socket.socket(type=socket.SOCK_DGRAM) for _ in SCHEMES]
-    counts = [0] * len(sockets)
+class Tell:
+    """A sink that gives a process the server's address as soon as there is one."""
 
-    def receive(k: int) -> None:
-        while sockets[k].recv(4096) != b"end":
-            counts[k] += 1
+    def __init__(self, server: "WebSink", to: IO[str]) -> None:
+        self._server, self._to = server, to
 
-    threads = [threading.Thread(target=receive, args=(k,)) for k in range(len(sockets))]
-    for end, thread in zip(sockets, threads, strict=True):
-        end.bind(("127.0.0.1", 0))
-        thread.start()
-    ports = [end.getsockname()[1] for end in sockets]
-    try:
-        yield ports, lambda: list(counts)
-    finally:
-        for end, port, thread in zip(sockets, ports, threads, strict=True):
-            with socket.socket(type=socket.SOCK_DGRAM) as last:
-                last.sendto(b"end", ("127.0.0.1", port))
-            thread.join()
-            end.close()
+    def on_start(self, info: RunInfo) -> None:
+        self._to.write(self._server.link.status["addresses"][0] + "\n")
+        self._to.flush()
 
-
-def _listener(
-    addresses: Callable[[], list[str] | None], path: str, heard: Callable[[int], None]
-) -> threading.Thread:
-    """A program in a thread that tells the frame numbers of the JSON it gets."""
-
-    async def listen() -> None:
-        import aiohttp
-
-        while not (found := addresses()):
-            await asyncio.sleep(0.02)
-        async with aiohttp.ClientSession() as session, session.ws_connect(found[0] + path) as ws:
-            async for message in ws:
-                heard(json.loads(message.data)["frame"])
-
-    thread = threading.Thread(target=lambda: asyncio.run(listen()), daemon=True)
-    thread.start()
-    return thread
+    def on_frame(self, result: FrameResult) -> None: ...
+    def close(self) -> None: ...
 
 
 def _show(clock: Clock, driven: list[DrivenFrame], avatar: str) -> dict[str, Any]:
@@ -166,18 +137,7 @@ def _show(clock: Clock, driven: list[DrivenFrame], avatar: str) -> dict[str, Any
     page = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert page.stdin and page.stdout
 
-    class Tell:
-        """Gives the browser the address as soon as there is one."""
-
-        def on_start(self, info: RunInfo) -> None:
-            assert page.stdin
-            page.stdin.write(server.link.status["addresses"][0] + "\n")
-            page.stdin.close()
-
-        def on_frame(self, result: FrameResult) -> None: ...
-        def close(self) -> None: ...
-
-    _play(clock, driven, [server, Tell()], PAGE_S + PAGE_START_S)
+    _play(clock, driven, [server, Tell(server, page.stdin)], PAGE_S + PAGE_START_S)
     told = page.stdout.read()
     page.wait()
     return json.loads(told) if told else {"page_updates_hz": 0.0}
@@ -191,6 +151,8 @@ def _stand(clock: Clock, avatar: str) -> dict[str, Any]:
         "crowd_tick_p99_ms": beset["p99_ms"],
         "crowd_tick_p99_change": round(beset["p99_ms"] / quiet["p99_ms"] - 1, 3),
         "crowd_memory_growth_mb": beset["growth_mb"],
+        "quiet_server_cpu_share": quiet["cpu_share"],
+        "crowd_server_cpu_share": beset["cpu_share"],
         "crowd_refused": beset["refused"],
     }
 
@@ -202,6 +164,7 @@ class Watch:
         self._server, self._num = server, num
         self._crowd: subprocess.Popen[bytes] | None = None
         self.memory_mb: list[float] = []
+        self.cpu_share = 0.0  # of one core, that the server took
 
     def on_start(self, info: RunInfo) -> None:
         address = self._server.link.status["addresses"][0]
@@ -212,8 +175,10 @@ class Watch:
         import psutil
 
         if result.driven.index % FPS == 0:
-            memory = psutil.Process(self._server.pid).memory_info().rss
-            self.memory_mb.append(memory / 2**20)
+            process = psutil.Process(self._server.pid)
+            self.memory_mb.append(process.memory_info().rss / 2**20)
+            used = process.cpu_times()
+            self.cpu_share = (used.user + used.system) * FPS / (result.driven.index + 1)
 
     def close(self) -> None:
         if self._crowd:
@@ -245,5 +210,6 @@ def _drive(clock: Clock, avatar: str, crowd: int) -> dict[str, Any]:
     return {
         "p99_ms": stages.summary()["tick"]["p99_ms"],
         "growth_mb": round(float(growth), 2),
+        "cpu_share": round(watch.cpu_share, 3),  # its start, about 1 s of CPU, included
         "refused": server.report()["page"]["refused"],
     }
