@@ -19,7 +19,7 @@ LOOKAHEADS_MS = (0, 70, 150)
 CLIP_FRAMES = 88
 NUM_MELS = 40
 HOP = 200  # samples: four spectra a frame
-LAGS = range(-6, 7)
+LAGS = range(-4, 5)  # further out the next syllable answers
 
 
 class CausalNet(nn.Module):

@@ -2,8 +2,9 @@
 
 GRID labels are a face tracker's ARKit weights at 25 FPS. Only the mouth is taken: the tracker's
 blinks also rise when a person looks down, so lids, gaze and brows stay rule-made. Each speaker's
-neutral is taken off and the jaw rescaled; a speaker whose picture and sound disagree is dropped
-or moved. FACEGOOD curves are solved at 30 FPS and start with their sound; they come one frame late.
+neutral is taken off and the jaw rescaled; two whose labels do not follow their sound are dropped
+(those kept lag its energy by 0-1 label frames). FACEGOOD curves are solved at 30 FPS and start
+with their sound; they come one frame late.
 """
 
 import warnings
@@ -23,7 +24,7 @@ from encoder.capture.channels import (
     from_arkit,
 )
 from encoder.capture.made import Take, take
-from encoder.capture.motion import closing_weight, frame_times, loudness, upper_face
+from encoder.capture.motion import closing_weight, frame_times, upper_face
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
 
 _ALIGNMENT_RATE = 25_000
@@ -116,28 +117,9 @@ def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Ta
         for i, curve in zip(chosen, curves, strict=True)
         if clips[i] in spans and not np.isnan(curve).any()
     ]
-    shift_s = _sync([(audio, curve) for _, audio, curve in takes[:60]], fps)
     for clip, audio, curve in takes:
         split = "test" if clip in test or speaker in GRID_TEST else "train"
-        yield _grid_take(audio, curve, fps, spans[clip], f"grid-{speaker}", split, shift_s, rng)
-
-
-def _sync(pairs: list[tuple[np.ndarray, np.ndarray]], fps: int) -> float:
-    """Seconds that the labels come late, against energy, beyond one label frame; else 0.
-
-    Changes are compared: levels would only say that both end in silence.
-    """
-    lags = np.arange(-3, 4)
-    scores = np.zeros(len(lags))
-    for audio, curve in pairs:
-        level = loudness(audio)
-        times = frame_times(len(level))
-        for k, lag in enumerate(lags):
-            jaw = np.interp(times + lag / fps, np.arange(len(curve)) / fps, curve[:, JAW_OPEN])
-            if jaw.std() > 0 and level.std() > 0:
-                scores[k] += np.corrcoef(np.diff(level), np.diff(jaw))[0, 1]
-    best = int(lags[scores.argmax()])
-    return best / fps if abs(best) > 1 else 0.0
+        yield _grid_take(audio, curve, fps, spans[clip], f"grid-{speaker}", split, rng)
 
 
 def _grid_take(
@@ -147,11 +129,10 @@ def _grid_take(
     span: tuple[float, float],
     voice: str,
     split: str,
-    shift_s: float,
     rng: np.random.Generator,
 ) -> Take:
     times = frame_times(len(audio) // SAMPLES_PER_FRAME)
-    source = np.arange(len(curve)) / fps - shift_s
+    source = np.arange(len(curve)) / fps
     rig = np.stack([np.interp(times, source, column) for column in curve.T], 1)
     outside = np.maximum((span[0] - 0.12 - times) / 0.12, (times - span[1] - 0.12) / 0.15)
     inside = 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0, 1))
