@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from pylivelinkface import FaceBlendShape, PyLiveLinkFace
 from pythonosc.dispatcher import Dispatcher
-from pythonosc.osc_server import ThreadingOSCUDPServer
+from pythonosc.osc_server import BlockingOSCUDPServer
 
 from app.sinks.arkit import ARKIT_NAMES, ArkitSink
 from app.sinks.face import FaceReader
@@ -92,7 +92,7 @@ def osc_receiver() -> Iterator[tuple[int, list[tuple[str, tuple[object, ...]]]]]
     heard: list[tuple[str, tuple[object, ...]]] = []
     dispatcher = Dispatcher()
     dispatcher.set_default_handler(lambda address, *args: heard.append((address, args)))
-    server = ThreadingOSCUDPServer(("127.0.0.1", 0), dispatcher)
+    server = BlockingOSCUDPServer(("127.0.0.1", 0), dispatcher)
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:
