@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.identity import Identity
+from render.posing import Rest
 
 MAX_LEDS = 8
 
@@ -110,8 +111,10 @@ class Look:
 def varied(people: Sequence[Identity], rng: np.random.Generator) -> Identity:
     """Somebody new: a mixture of people, stretched and dented by a millimetre or two."""
     weights = 1.3 * rng.dirichlet(np.full(len(people), 0.7)) - 0.3 / len(people)
-    geometry = np.tensordot(weights, np.stack([p.geometry for p in people]), 1)
-    centers = np.tensordot(weights, np.stack([p.eye_centers for p in people]), 1)
+
+    def mixed(parts: Sequence[NDArray[np.floating]]) -> NDArray[np.float32]:
+        return np.tensordot(weights, np.stack(parts), 1).astype(np.float32)
+
     waves = rng.normal(0, 0.11, (5, 3))  # one wave is about 60 mm long
     phases, sizes = rng.uniform(0, 6.28, 5), rng.normal(0, 0.7, (5, 3))
 
@@ -121,4 +124,11 @@ def varied(people: Sequence[Identity], rng: np.random.Generator) -> Identity:
         shift[:, 0] *= np.sign(points[:, 0])
         return (points + shift).astype(np.float32)
 
-    return replace(people[0], name="varied", geometry=moved(geometry), eye_centers=moved(centers))
+    rests = [p.rest for p in people]
+    rest = Rest(
+        geometry=moved(mixed([r.geometry for r in rests])),
+        eye_centers=moved(mixed([r.eye_centers for r in rests])),
+        reach=(mixed([r.reach[0] for r in rests]), mixed([r.reach[1] for r in rests])),
+        shut=mixed([r.shut for r in rests]),
+    )
+    return replace(people[0], name="varied", rest=rest)
