@@ -21,6 +21,24 @@ Array = NDArray[np.float32]
 MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
 
 
+OPEN = 0.35  # lid opening from which on gaze is seen well
+USUAL_VERGENCE, MAX_VERGENCE = 0.064, 0.16  # of x, right minus left: at 1 m, at 40 cm
+VERGENCE_TRUST = 0.25  # each eye errs by more than vergence varies
+
+
+def conjugate(
+    xy: Array,  # [2, 2] of both eyes, head frame
+    weight: Array,  # [2] 0..1 how well each eye is seen
+) -> Array:  # [2, 2]
+    """Eyes move together: one direction from both, as high as each other, converging a little."""
+    share = (weight + 1e-3) / (weight + 1e-3).sum()
+    vergence = np.clip(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
+    vergence = USUAL_VERGENCE + VERGENCE_TRUST * weight.min() * vergence
+    half = np.array([[-0.5 * vergence, 0], [0.5 * vergence, 0]], np.float32)
+    middle = (share[:, None] * (xy - half)).sum(0)
+    return (middle + half).astype(np.float32)
+
+
 class EyeReading(NamedTuple):
     """Left eye first. Everything is finite, whatever the pictures show."""
 
@@ -53,10 +71,12 @@ class EyeEncoder:
 
         small = pixels(eyes)
         features, heads = self._session.run(None, {"pixels": normalised(small)})
-        gaze = unit(np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1))
+        lids = np.clip(heads[:, 2], 0, 1)
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
         score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
-        return EyeReading(features, gaze, np.clip(heads[:, 2], 0, 1), score)
+        xy = np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1)
+        gaze = unit(conjugate(xy, score * np.clip(lids / OPEN, 0, 1)))
+        return EyeReading(features, gaze, lids, score.astype(np.float32))
 
     def synthesise(
         self,

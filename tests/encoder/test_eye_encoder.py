@@ -11,7 +11,7 @@ import torch
 from eye_material import drawn_eye, encoder, net
 
 from encoder.checkpoint import save
-from encoder.eye_encoder import load_eye_encoder
+from encoder.eye_encoder import conjugate, load_eye_encoder
 from encoder.eye_network import GAZE_UNIT, normalised, pixels, unit
 from sensors.types import InputError
 
@@ -41,7 +41,8 @@ def test_onnx_equals_torch() -> None:
     with torch.no_grad():
         out = made(torch.from_numpy(normalised(pixels(pair()))))
     assert np.abs(reading.features - out.features.numpy()).max() < 1e-5
-    expected = unit(out.gaze.numpy() * [[1, 1], [-1, 1]])
+    seen = reading.score * np.clip(reading.lids / 0.35, 0, 1)
+    expected = unit(conjugate(out.gaze.numpy() * np.float32([[1, 1], [-1, 1]]), seen))
     assert np.abs(reading.gaze - expected).max() < 1e-5
     assert np.abs(reading.score - torch.sigmoid(out.valid).numpy()).max() < 1e-5
     assert np.abs(reading.lids - out.lid.clamp(0, 1).numpy()).max() < 1e-5
@@ -56,6 +57,19 @@ def test_a_mirrored_face_looks_the_other_way() -> None:
     mirrored = other.gaze[::-1] * np.array([-1, 1, 1], np.float32)
     assert np.abs(reading.gaze - mirrored).max() < 1e-5
     assert np.abs(reading.gaze[0] - reading.gaze[1]).max() > 1e-4
+
+
+def test_eyes_move_together() -> None:
+    """Of two noisy eyes one direction; an eye that is not seen follows the other."""
+    both, blind = np.ones(2, np.float32), np.float32([1, 0])
+    noisy = np.float32([[0.3, 0.1], [0.1, -0.1]])  # crossed outwards, one up, one down
+    gaze = conjugate(noisy, both)
+    assert gaze[0, 1] == gaze[1, 1] == pytest.approx(0) and 0 < gaze[1, 0] - gaze[0, 0] < 0.1
+    assert gaze.mean(0)[0] == pytest.approx(0.2)
+    alone = conjugate(noisy, blind)
+    assert np.abs(alone[0] - noisy[0]).max() < 0.01 and alone[1, 0] > alone[0, 0]
+    true = np.float32([[0.168, 0.05], [0.232, 0.05]])
+    assert np.abs(conjugate(true, both) - true).max() < 1e-3
 
 
 def test_finite_on_any_picture() -> None:
