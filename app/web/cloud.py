@@ -1,15 +1,16 @@
-"""Gaussians as bytes for the network: 16 bytes each at first, then 12 bytes for each that moves.
+"""Gaussians as bytes for the network: 16 bytes each, and after the first message movers only.
 
     base:  the head at rest, once to a page     tick:  what differs from the base, 30 times a second
 
-No tick depends on another one, so any tick may be dropped. What moves is three words a Gaussian:
+No tick depends on another one, so any tick may be dropped. A Gaussian is four words:
 
     word 0:  x 14 bits | y 14 | turn c, low 4 bits
     word 1:  z 14 bits | turn a 10 | turn b, low 8 bits
     word 2:  log2 of the three scales, 8 bits each | turn b, high 2 bits | turn c, high 6 bits
+    word 3:  red, green, blue, opacity, 8 bits each
 
 Position and scales are shares of the ranges in the base; a, b, c are the turn's modified Rodrigues
-parameters xyz / (1 + w), -1..1. Colours and opacities are static, 8 bits each. All little-endian.
+parameters xyz / (1 + w), -1..1. All little-endian.
 """
 
 import struct
@@ -49,8 +50,8 @@ class Ranges:
         return cls(low, step, thin, (wide - thin) / SCALE_MAX)
 
 
-def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 3]
-    """The moving part of every Gaussian."""
+def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
+    """Four words for every Gaussian."""
     at = (gaussians.means - ranges.low_mm).T * np.float32(1 / ranges.step_mm)
     x, y, z = _levels(at, POSITION_MAX)
     logs = np.log2(np.maximum(gaussians.scales.T, np.float32(1e-4)))
@@ -60,15 +61,18 @@ def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 3]
     length = np.sqrt(w * w + turns[0] ** 2 + turns[1] ** 2 + turns[2] ** 2)
     half = np.float32(TURN_MAX / 2) / (w + np.copysign(length + np.float32(1e-12), w))
     a, b, c = _levels(np.stack(turns) * half + np.float32(TURN_MAX / 2), TURN_MAX)
-    words = np.empty((len(gaussians), 3), np.uint32)
+    red, green, blue = _levels(gaussians.colors.T * np.float32(255), 255)
+    opacity = _levels(gaussians.opacities * np.float32(255), 255)
+    words = np.empty((len(gaussians), 4), np.uint32)
     words[:, 0] = x | y << 14 | (c & 15) << 28
     words[:, 1] = z | a << 14 | (b & 255) << 24
     words[:, 2] = sx | sy << 8 | sz << 16 | b >> 8 << 24 | c >> 4 << 26
+    words[:, 3] = red | green << 8 | blue << 16 | opacity << 24
     return words
 
 
 def _levels(
-    values: NDArray[np.float32],  # [3, N]
+    values: NDArray[np.float32],  # [..., N]
     largest: int,
 ) -> Words:
     """Rounded to whole numbers 0..largest."""
@@ -76,12 +80,10 @@ def _levels(
 
 
 def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
-    """The head at rest, with the ranges, colours and opacities that all ticks share."""
+    """The head at rest, with the ranges that all ticks share."""
     head = HEAD.pack(BASE, len(gaussians))
     head += RANGES.pack(*ranges.low_mm, ranges.step_mm, ranges.low_scale, ranges.step_scale)
-    colors = np.concatenate([gaussians.colors, gaussians.opacities[:, None]], 1)
-    static = np.rint(colors.clip(0, 1) * 255).astype(np.uint8)
-    return head + pack(gaussians, ranges).tobytes() + static.tobytes()
+    return head + pack(gaussians, ranges).tobytes()
 
 
 def tick_message(words: Words, base: Words, frame: int, t_ns: int) -> bytes:
@@ -105,10 +107,8 @@ class CloudReader:
             *low, step, low_scale, step_scale = RANGES.unpack_from(message, HEAD.size)
             self._ranges = Ranges(np.array(low, np.float32), step, low_scale, step_scale)
             start = HEAD.size + RANGES.size
-            words = np.frombuffer(message, "<u4", 3 * count, start)
-            self._base = words.reshape(count, 3).astype(np.uint32)
-            static = np.frombuffer(message, np.uint8, 4 * count, start + 12 * count)
-            self._static = static.reshape(count, 4).astype(np.float32) / np.float32(255)
+            words = np.frombuffer(message, "<u4", 4 * count, start)
+            self._base = words.reshape(count, 4).astype(np.uint32)
             words = self._base
         else:
             self.frame, self.t_ns, moved = STAMP.unpack_from(message, HEAD.size)
@@ -116,20 +116,22 @@ class CloudReader:
             bits = np.frombuffer(message, np.uint8, num_bytes, start)
             mask = np.unpackbits(bits, bitorder="little", count=count).astype(bool)
             words = self._base.copy()
-            words[mask] = np.frombuffer(message, "<u4", 3 * moved, start + num_bytes).reshape(-1, 3)
+            words[mask] = np.frombuffer(message, "<u4", 4 * moved, start + num_bytes).reshape(-1, 4)
         self.gaussians = self._unpack(words)
 
     def _unpack(self, words: Words) -> Gaussians:
-        ranges, (one, two, three) = self._ranges, words.T
+        ranges, (one, two, three, four) = self._ranges, words.T
         at = np.stack([one & POSITION_MAX, one >> 14 & POSITION_MAX, two & POSITION_MAX], 1)
         scales = np.stack([three & 255, three >> 8 & 255, three >> 16 & 255], 1)
         b, c = two >> 24 | (three >> 24 & 3) << 8, one >> 28 | three >> 26 << 4
+        levels = np.stack([four >> shift & 255 for shift in (0, 8, 16, 24)], 1)
+        shown = levels.astype(np.float32) / np.float32(255)
         return Gaussians(
             means=(ranges.low_mm + at * np.float32(ranges.step_mm)).astype(np.float32),
             quats=_unpack_turns(np.stack([two >> 14 & TURN_MAX, b, c], 1)),
             scales=np.exp2(ranges.low_scale + scales * ranges.step_scale).astype(np.float32),
-            opacities=self._static[:, 3],
-            colors=self._static[:, :3],
+            opacities=shown[:, 3],
+            colors=shown[:, :3],
         )
 
 

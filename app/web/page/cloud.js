@@ -5,8 +5,8 @@ const BASE = 1;
 const BUCKETS = 1 << 16;
 const RETRY_MS = 1000;
 
-let base = null;   // Uint32Array [3 N], the head at rest
-let words = null;  // Uint32Array [3 N], the head now
+let base = null;   // Uint32Array [4 N], the head at rest
+let words = null;  // Uint32Array [4 N], the head now
 let count = 0;
 let frame = -1;
 let updates = 0;
@@ -17,10 +17,9 @@ let scheduled = false;
 function readBase(view, buffer) {
   count = view.getUint32(4, true);
   const ranges = new Float32Array(buffer.slice(8, 32));
-  base = new Uint32Array(buffer.slice(32, 32 + 12 * count));
+  base = new Uint32Array(buffer.slice(32, 32 + 16 * count));
   words = base.slice();
-  const colors = new Uint8Array(buffer.slice(32 + 12 * count, 32 + 16 * count));
-  postMessage({ kind: "base", count, ranges, colors }, [ranges.buffer, colors.buffer]);
+  postMessage({ kind: "base", count, ranges }, [ranges.buffer]);
 }
 
 function readTick(view, buffer) {
@@ -31,10 +30,11 @@ function readTick(view, buffer) {
   words.set(base);
   for (let block = 0, from = 0; block < flags.length; block++) {
     for (let rest = flags[block]; rest !== 0; rest &= rest - 1) {
-      const at = 3 * (32 * block + 31 - Math.clz32(rest & -rest));
+      const at = 4 * (32 * block + 31 - Math.clz32(rest & -rest));
       words[at] = moved[from++];
       words[at + 1] = moved[from++];
       words[at + 2] = moved[from++];
+      words[at + 3] = moved[from++];
     }
   }
   updates++;
@@ -46,7 +46,7 @@ function order() {
   const [a, b, c] = direction;
   let low = Infinity, high = -Infinity;
   for (let i = 0; i < count; i++) {
-    const one = words[3 * i], two = words[3 * i + 1];
+    const one = words[4 * i], two = words[4 * i + 1];
     const depth = a * (one & 16383) + b * (one >>> 14 & 16383) + c * (two & 16383);
     depths[i] = depth;
     if (depth < low) low = depth;

@@ -10,7 +10,6 @@ precision highp int;
 precision highp usampler2D;
 uniform usampler2D words;
 uniform usampler2D order;  // indices of Gaussians, far to near
-uniform sampler2D colors;
 uniform mat4 modelView;   // millimetres to camera space, y up, looking along -z
 uniform mat4 projection;
 uniform vec2 size;        // px
@@ -40,8 +39,8 @@ ivec2 texel(int k) {
 
 void main() {
   ivec2 at = texel(int(texelFetch(order, texel(gl_VertexID >> 2), 0).x));
-  uvec3 word = texelFetch(words, at, 0).xyz;
-  vec4 static_color = texelFetch(colors, at, 0);
+  uvec4 word = texelFetch(words, at, 0);
+  vec4 shown = vec4(word.w & 255u, word.w >> 8 & 255u, word.w >> 16 & 255u, word.w >> 24) / 255.0;
   vec3 mean = low + steps.x * vec3(word.x & 16383u, word.x >> 14 & 16383u, word.y & 16383u);
   vec3 levels = vec3(
     word.y >> 14 & 1023u, word.y >> 24 | (word.z >> 24 & 3u) << 8, word.x >> 28 | word.z >> 26 << 4);
@@ -67,14 +66,14 @@ void main() {
   // alpha = exp2(log2_opacity - u^2 - v^2) with u = p dx + q dy, v = r dy
   float p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1e-6));
   float r = sqrt(HALF_LOG2_E / yy);
-  float log2_opacity = log2(clamp(static_color.a, 1e-6, MAX_ALPHA));
+  float log2_opacity = log2(clamp(shown.a, 1e-6, MAX_ALPHA));
   if (log2_opacity < -FAINTEST) return;
 
   float radius = sqrt(log2_opacity + FAINTEST);
   uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID & 2) - 1);
   float dy = uv.y / r;
   float dx = uv.x / p + k * dy;
-  color = vec4(static_color.rgb, log2_opacity);
+  color = vec4(shown.rgb, log2_opacity);
   gl_Position = vec4(clip.xy / clip.w + 2.0 * vec2(dx, dy) / size, 0.0, 1.0);
 }`;
 
@@ -96,26 +95,22 @@ export class Splats {
     this.count = 0;
     this.program = link(gl);
     this.places = Object.fromEntries(
-      ["words", "order", "colors", "modelView", "projection", "size", "low", "steps"]
+      ["words", "order", "modelView", "projection", "size", "low", "steps"]
         .map((name) => [name, gl.getUniformLocation(this.program, name)]));
     this.words = texture(gl);
-    this.colors = texture(gl);
     this.order = texture(gl);
     this.quads = gl.createVertexArray();
     this.corners = gl.createBuffer();
   }
 
-  // What all ticks share: ranges [6] and colours [4 N].
-  setBase({ count, ranges, colors }) {
+  // What all ticks share: their number of Gaussians and ranges [6].
+  setBase({ count, ranges }) {
     this.ranges = ranges;
     this.rows = Math.ceil(count / WIDTH);
     this.count = 0;  // nothing is drawn until the first order has come
     const gl = this.gl;
-    gl.bindTexture(gl.TEXTURE_2D, this.colors);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, WIDTH, this.rows, 0, gl.RGBA, gl.UNSIGNED_BYTE,
-      padded(colors, Uint8Array, 4 * WIDTH * this.rows));
     gl.bindTexture(gl.TEXTURE_2D, this.words);
-    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGB32UI, WIDTH, this.rows, 0, gl.RGB_INTEGER,
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA32UI, WIDTH, this.rows, 0, gl.RGBA_INTEGER,
       gl.UNSIGNED_INT, null);
     gl.bindTexture(gl.TEXTURE_2D, this.order);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32UI, WIDTH, this.rows, 0, gl.RED_INTEGER,
@@ -129,13 +124,13 @@ export class Splats {
     gl.bindVertexArray(null);
   }
 
-  // The Gaussians of a tick [3 N], or null when only the order has changed, and their order [N].
+  // The Gaussians of a tick [4 N], or null when only the order has changed, and their order [N].
   set(words, order) {
     const gl = this.gl;
     if (words) {
       gl.bindTexture(gl.TEXTURE_2D, this.words);
-      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RGB_INTEGER, gl.UNSIGNED_INT,
-        padded(words, Uint32Array, 3 * WIDTH * this.rows));
+      gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RGBA_INTEGER, gl.UNSIGNED_INT,
+        padded(words, Uint32Array, 4 * WIDTH * this.rows));
     }
     gl.bindTexture(gl.TEXTURE_2D, this.order);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RED_INTEGER, gl.UNSIGNED_INT,
@@ -152,7 +147,7 @@ export class Splats {
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    for (const [unit, name] of ["words", "order", "colors"].entries()) {
+    for (const [unit, name] of ["words", "order"].entries()) {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, this[name]);
       gl.uniform1i(places[name], unit);
