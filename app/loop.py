@@ -107,7 +107,7 @@ def drive(
             summary.late_ns = max(summary.late_ns, clock.now_ns() - due_ns - NS // FPS)
             # The sample count is the clock of a live run: its frames carry the time of their end.
             end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
-            wake_ns = due_ns = end_ns + NS // FPS
+            wake_ns = due_ns = min(end_ns, clock.now_ns()) + NS // FPS  # never trust a far future
     return summary
 
 

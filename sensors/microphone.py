@@ -154,7 +154,7 @@ class Track:
         assert self.stream is not None
         rate = self.stream.rate
         end = block.first_sample + len(block.samples)
-        end_ns = self.map.update(end * NS // rate, block.arrival_ns)
+        end_ns = min(self.map.update(end * NS // rate, block.arrival_ns), block.arrival_ns)
         t_ns = end_ns - len(block.samples) * NS // rate
         skipped = block.first_sample - self._counter
         if self._counter < 0:  # the first block of this stream
