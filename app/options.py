@@ -185,12 +185,12 @@ class DriveOptions(NetworkOptions):
 
     def _sinks(self, decoder: "Decoder", who: "Identity") -> list["Sink"]:
         from app.sinks.arkit import ArkitSink
-        from app.sinks.clouds import CloudSink, ply_bytes
+        from app.sinks.clouds import CloudSink
         from app.sinks.motion import MotionSink
         from app.sinks.pictures import PictureSink
         from app.sinks.video import VideoSink
         from app.sinks.virtual_camera import VirtualCameraSink
-        from render.gltf import gltf_bytes
+        from render import gltf, ply
 
         sinks: list[Sink] = []
         if self.video:
@@ -202,9 +202,9 @@ class DriveOptions(NetworkOptions):
             device = None if self.virtual_camera == "auto" else self.virtual_camera
             sinks.append(VirtualCameraSink(device))
         if self.ply:
-            sinks.append(CloudSink(self.ply, self.every, ".ply", ply_bytes, decoder, who))
+            sinks.append(CloudSink(self.ply, self.every, ".ply", ply.save, decoder, who))
         if self.gltf:
-            sinks.append(CloudSink(self.gltf, self.every, ".glb", gltf_bytes, decoder, who))
+            sinks.append(CloudSink(self.gltf, self.every, ".glb", gltf.save, decoder, who))
         if self.motion:
             sinks.append(MotionSink(self.motion, decoder, who))
         if self.arkit:

@@ -6,6 +6,7 @@ Viewers without the extension show points in the colours of COLOR_0.
 
 import json
 import struct
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,11 @@ MM = 0.001  # m
 FLOAT, BYTE = 5126, 5121  # component types
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
+
+
+def save(path: Path, gaussians: Gaussians) -> None:
+    """Write one head as a .glb file."""
+    path.write_bytes(gltf_bytes(gaussians))
 
 
 def gltf_bytes(gaussians: Gaussians) -> bytes:

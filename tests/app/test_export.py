@@ -11,12 +11,12 @@ from plyfile import PlyData
 from pylivelinkface import FaceBlendShape
 
 from app.sinks.arkit import ArkitSink
-from app.sinks.clouds import CloudSink, ply_bytes
+from app.sinks.clouds import CloudSink
 from app.sinks.sink import FrameResult, RunInfo
 from encoder.driver import DrivenFrame
-from render import identity
+from render import gltf, identity, ply
 from render.decoder import Decoder
-from render.gltf import EXTENSION, SH_0, gltf_bytes
+from render.gltf import EXTENSION, SH_0
 from render.types import Gaussians
 from sensors import session
 from sensors.types import FPS, NS, InputError, SensorFrame
@@ -55,16 +55,16 @@ def results(count: int) -> list[FrameResult]:
 
 def test_plyfile_reads_a_head(cloud: Gaussians, tmp_path: Path) -> None:
     path = tmp_path / "head.ply"
-    path.write_bytes(ply_bytes(cloud))
+    ply.save(path, cloud)
     vertex = PlyData.read(str(path))["vertex"]
 
     def columns(*names: str) -> np.ndarray:
         return np.stack([vertex[name] for name in names], 1)
 
-    np.testing.assert_allclose(columns("x", "y", "z"), cloud.means / 1000, rtol=1e-5)
-    scales = np.exp(columns("scale_0", "scale_1", "scale_2")) * 1000
+    np.testing.assert_allclose(columns("x", "y", "z"), cloud.means, rtol=1e-5)
+    scales = np.exp(columns("scale_0", "scale_1", "scale_2"))
     np.testing.assert_allclose(scales, cloud.scales, rtol=1e-5)
-    turns = columns("rot_0", "rot_1", "rot_2", "rot_3")
+    turns = unit(columns("rot_0", "rot_1", "rot_2", "rot_3"))
     np.testing.assert_allclose(turns, unit(cloud.quats), atol=1e-6)
     colors = 0.5 + SH_0 * columns("f_dc_0", "f_dc_1", "f_dc_2")
     np.testing.assert_allclose(colors, cloud.colors, atol=1e-6)
@@ -74,7 +74,7 @@ def test_plyfile_reads_a_head(cloud: Gaussians, tmp_path: Path) -> None:
 
 def test_pygltflib_reads_a_posed_head(cloud: Gaussians, tmp_path: Path) -> None:
     path = tmp_path / "head.glb"
-    path.write_bytes(gltf_bytes(cloud))
+    gltf.save(path, cloud)
     file = pygltflib.GLTF2().load(str(path))
     assert file is not None and file.extensionsUsed == [EXTENSION]
     primitive = file.meshes[0].primitives[0]
@@ -102,13 +102,13 @@ def test_pygltflib_reads_a_posed_head(cloud: Gaussians, tmp_path: Path) -> None:
     assert position.max == pytest.approx((cloud.means / 1000).max(0), abs=1e-6)
 
 
-@pytest.mark.parametrize(("suffix", "write"), [(".ply", ply_bytes), (".glb", gltf_bytes)])
+@pytest.mark.parametrize(("suffix", "save"), [(".ply", ply.save), (".glb", gltf.save)])
 def test_the_moving_head_is_a_folder_of_files(
     tmp_path: Path,
     suffix: str,
-    write,  # noqa: ANN001
+    save,  # noqa: ANN001
 ) -> None:
-    sink = CloudSink(tmp_path / "x", 3, suffix, write, Decoder.load(), identity.load("ben"))
+    sink = CloudSink(tmp_path / "x", 3, suffix, save, Decoder.load(), identity.load("ben"))
     sink.on_start(RunInfo(64, 64, 7))
     for result in results(7):
         sink.on_frame(result)
@@ -117,7 +117,7 @@ def test_the_moving_head_is_a_folder_of_files(
     assert [f.name for f in files] == [f"frame_{k:06d}{suffix}" for k in (0, 3, 6)]
     assert len({f.read_bytes() for f in files}) == 3
     with pytest.raises(InputError):
-        CloudSink(tmp_path / "x", 0, suffix, write, Decoder.load(), identity.load("ben"))
+        CloudSink(tmp_path / "x", 0, suffix, save, Decoder.load(), identity.load("ben"))
 
 
 def test_the_live_link_table_has_the_names_of_a_live_link_reader(tmp_path: Path) -> None:
