@@ -108,11 +108,17 @@ def train(data: Source, steps: int = 700, seed: int = 0) -> CausalNet:
 
 
 def _vary(x: Tensor) -> Tensor:
-    """Shift the mel axis by up to two bands (formants), tilt it, and add a noise floor."""
+    """Shift each clip's mel axis by up to four bands (formants), bend it, change its level."""
     bands = x.unflatten(-1, (-1, NUM_MELS))
-    bands = torch.roll(bands, int(torch.randint(-2, 3, ())), -1)
-    tilt = torch.linspace(-1, 1, NUM_MELS) * 0.4 * torch.randn(len(x), 1, 1, 1)
-    return (bands + tilt + 0.1 * torch.randn_like(bands)).flatten(2)
+    place = torch.arange(NUM_MELS) + torch.randint(-4, 5, (len(x), 1))
+    index = place.clamp(0, NUM_MELS - 1)[:, None, None].expand(bands.shape)
+    bands = bands.gather(-1, index)
+    ramp = torch.linspace(-1, 1, NUM_MELS)
+    tilt = ramp * 0.5 * torch.randn(len(x), 1, 1, 1) + 0.3 * torch.randn(len(x), 1, 1, 1)
+    wave = (
+        0.3 * torch.randn(len(x), 1, 1, 1) * torch.sin(6 * ramp + 6 * torch.rand(len(x), 1, 1, 1))
+    )
+    return (bands + tilt + wave + 0.15 * torch.randn_like(bands)).flatten(2)
 
 
 @torch.no_grad()
