@@ -159,9 +159,7 @@ def contact(judge: "Judge", seed: int) -> dict[str, float]:
         rest = decoder.posing.rest(people.neutral(face, person))
         blink = np.zeros(len(names), np.float32)
         blink[list(decoder.posing.blinks)] = 1
-        shut = decoder.posing.pose(
-            blink @ decoder.coding.to_code @ decoder.coding.to_rig, AHEAD, rest
-        )
+        shut = decoder.posing.pose((blink @ through_code).astype(np.float32), AHEAD, rest)
         lid_gaps.append(max(float(line.gaps(shut).max()) for line in decoder.posing.lid_lines))
         lip_gaps.append(float(decoder.posing.mouth.gaps(rest.geometry).max()))
         upper, lower = face.regions["lips_upper"], face.regions["lips_lower"]
@@ -169,7 +167,7 @@ def contact(judge: "Judge", seed: int) -> dict[str, float]:
         rng = np.random.default_rng((seed, index))
         for _ in range(50):
             rig, gaze = expressions.draw(rng, names, still)
-            posed = decoder.posing.pose(rig @ through_code, gaze, rest)
+            posed = decoder.posing.pose((rig @ through_code).astype(np.float32), gaze, rest)
             crossed += crossing.depth_mm(posed) > 0.3
             frames += 1
     return {

@@ -88,7 +88,7 @@ class Maker:
         """The colour of every Gaussian, read as the photometric fit found best."""
         t = self._t
         picture = np.ones((8, 8, 3), np.float32) if isinstance(eye, str) else eye
-        plain = t["anchor_plain"].astype(np.float32) / 255
+        plain = t["anchor_plain"].astype(np.float32) / np.float32(255)
         levels = textures.levels(t["anchor_kinds"], t["anchor_uv"], plain, skin, picture)
         albedo = np.einsum("nl,nlc->nc", t["anchor_mixing"].astype(np.float32), levels)
         if isinstance(eye, str):
@@ -152,7 +152,7 @@ def vertex_albedo(
     on_skin: NDArray[np.bool_],  # [U]
 ) -> Floats:  # [U, 3]
     """The person's skin at the vertices, coarse; everyone's colours elsewhere."""
-    out = colors.astype(np.float32) / 255
+    out = colors.astype(np.float32) / np.float32(255)
     step = max(1, skin.shape[0] // 128)
     out[on_skin] = textures.sample(skin[::step, ::step], uv[on_skin] * np.array([0.5, 1], "f4"))
     return out
@@ -160,9 +160,11 @@ def vertex_albedo(
 
 def no_hair() -> Gaussians:
     return Gaussians(
-        *(np.zeros((0, n), np.float32) for n in (3, 4, 3)),
-        np.zeros(0, np.float32),
-        np.zeros((0, 3), np.float32),
+        means=np.zeros((0, 3), np.float32),
+        quats=np.zeros((0, 4), np.float32),
+        scales=np.zeros((0, 3), np.float32),
+        opacities=np.zeros(0, np.float32),
+        colors=np.zeros((0, 3), np.float32),
     )
 
 

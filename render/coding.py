@@ -27,11 +27,12 @@ class Coding:
     deviation: Floats  # [256]
 
     def normalised(self, code: Floats) -> Floats:  # [..., 256] -> unit variance, rig first
-        return (code @ self.frame.T - self.mean) / self.deviation
+        return ((code @ self.frame.T - self.mean) / self.deviation).astype(np.float32, copy=False)
 
     def code(self, normalised: Floats) -> Floats:
         """The way back: a Gaussian sample becomes a plausible face."""
-        return (normalised * self.deviation + self.mean) @ self.frame
+        code = (normalised * self.deviation + self.mean) @ self.frame
+        return code.astype(np.float32, copy=False)
 
 
 def extend(

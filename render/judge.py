@@ -91,7 +91,7 @@ class Judge:
         shown[: face_data.SKIN_VERTICES] = False
         shown[face.regions["narrow_face"]] = True
         colors = np.repeat(shown[:, None], 3, 1).astype(np.float32)  # black hides, white shows
-        light = np.tile(np.float32([1, 0]), (len(vertices), 1))
+        light = np.tile(np.array([1, 0], np.float32), (len(vertices), 1))
         black = replace(camera, background=(0.0, 0.0, 0.0))
         self._dress(who)
         picture = self._mesh.draw(
@@ -177,7 +177,7 @@ class Judge:
         hidden[face.regions[f"sclera_{'lr'[eye]}"]] = False
         moved[hidden, 2] -= 3000  # out of the way
         colors = np.repeat(white[:, None], 3, 1).astype(np.float32)
-        light = np.tile(np.float32([1, 0]), (len(white), 1))
+        light = np.tile(np.array([1, 0], np.float32), (len(white), 1))
         plain = Subject(who.geometry, who.rest, who.skin, np.ones((8, 8, 3), "f4"), who.identity)
         self._dress(plain)
         picture = self._mesh.draw(moved, self.assembly.normals(vertices), colors,
@@ -202,7 +202,9 @@ class Judge:
 
 
 def _eye_camera(centre: Floats) -> Camera:
-    camera = cameras.portrait(SIZE_PX, SIZE_PX, target_mm=tuple(float(c) for c in centre))
+    camera = cameras.portrait(
+        SIZE_PX, SIZE_PX, target_mm=(float(centre[0]), float(centre[1]), float(centre[2]))
+    )
     K = camera.K.copy()
     K[0, 0] = K[1, 1] = SIZE_PX * 900.0 / EYE_SPAN_MM
     return Camera(camera.viewmat, K, SIZE_PX, SIZE_PX, camera.near_mm, (0.0, 0.0, 0.0))

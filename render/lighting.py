@@ -70,17 +70,25 @@ def shaded(sky: Floats, lamp: Floats, ambient: Floats, lit: Floats) -> Floats:
     """Both parts of the light [3, n] under what is seen of them [n] -> [3, n]."""
     out = sky * (np.float32(BOUNCE) + np.float32(1 - BOUNCE) * ambient)
     out += lamp * lit
-    return out
+    return out.astype(np.float32, copy=False)
 
 
 STUDIO = Lighting()
 LIGHTINGS = {
     "studio": STUDIO,
     "window": Lighting(
-        (0.66, 0.72, 0.82), (0.30, 0.28, 0.26), (0.08,) * 3, (0.36, 0.38, 0.42), (0.24,) * 3
+        (0.66, 0.72, 0.82),
+        (0.30, 0.28, 0.26),
+        (0.08, 0.08, 0.08),
+        (0.36, 0.38, 0.42),
+        (0.24, 0.24, 0.24),
     ),
     "warm": Lighting(
-        (1.0, 0.80, 0.60), (0.12, 0.15, 0.24), (0.3, 0.22, 0.15), (0.22,) * 3, (0.2, 0.15, 0.1)
+        (1.0, 0.80, 0.60),
+        (0.12, 0.15, 0.24),
+        (0.3, 0.22, 0.15),
+        (0.22, 0.22, 0.22),
+        (0.2, 0.15, 0.1),
     ),
 }
 

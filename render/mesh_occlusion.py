@@ -91,7 +91,7 @@ class Occlusion:
         gl.disable(gl.DEPTH_TEST)
         for thing in (array, buffer, index):
             thing.release()
-        return seen / np.maximum(weight, 1e-6)
+        return (seen / np.maximum(weight, 1e-6)).astype(np.float32)
 
     def _visible(self, array, direction, ends: Floats) -> NDArray[np.bool_]:
         side = np.cross(direction, (0.0, 1.0, 0.01))

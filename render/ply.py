@@ -75,7 +75,7 @@ def load(path: Path) -> Gaussians:
         factor = np.float32(HEAD_MM / max(size, 1e-9))
         means, scales = (means - 0.5 * (low + high).astype(np.float32)) * factor, scales * factor
     quats[np.linalg.norm(quats, axis=1) < 1e-6] = (1, 0, 0, 0)
-    opacities = 1 / (1 + np.exp(-logits[:, 0].clip(-30, 30)))
+    opacities = (1 / (1 + np.exp(-logits[:, 0].clip(-30, 30)))).astype(np.float32)
     return Gaussians(
         np.ascontiguousarray(means), quats, scales, opacities, (0.5 + SH_0 * colors).clip(0, 1)
     )

@@ -50,7 +50,8 @@ class Posing:
             for _ in range(4):
                 self.mouth.open(geometry, TOUCH_MM - self.mouth.gaps(geometry))
             # In the steps of avatar files: one that was saved and loaded rests where it rested.
-            geometry = np.rint(geometry * GEOMETRY_STEPS) / GEOMETRY_STEPS
+            steps = np.rint(geometry * GEOMETRY_STEPS)
+            geometry = (steps / GEOMETRY_STEPS).astype(np.float32)
         centers = np.stack([sphere_centre(geometry[eye]) for eye in self.eyeballs])
         reach = tuple(
             lid_reach(geometry, lids, c, eye_radius(geometry[eye], c))
@@ -87,7 +88,8 @@ class Posing:
         return vertices
 
     def _full_blink(self) -> Floats:
-        rig = np.zeros(self.basis.shape[1], np.float32)
+        _, count = self.basis.shape  # pyright: ignore[reportGeneralTypeIssues] (stub: may be None)
+        rig = np.zeros(count, np.float32)
         rig[list(self.blinks)] = 1
         return rig
 

@@ -79,7 +79,7 @@ def tensors(
         face.faces[anchors.triangles], np.concatenate([face.regions[r] for r in INTERIOR])
     ).all(1)
     basis = pose.basis
-    out: Tensors = {
+    out: dict[str, Any] = {
         "basis_values": basis.data.astype(np.float16),
         "basis_columns": basis.indices.astype(np.uint8),
         "geometry_rows": basis.indptr.astype(np.int32),

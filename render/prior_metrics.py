@@ -22,7 +22,7 @@ def ssim(a: NDArray[np.uint8], b: NDArray[np.uint8], mask: Mask) -> float:
     size = (SSIM_WINDOW_PX, SSIM_WINDOW_PX, 1)
 
     def mean(v: NDArray[np.float64]) -> NDArray[np.float64]:
-        return uniform_filter(v, size)
+        return uniform_filter(v, size)  # pyright: ignore[reportArgumentType] (stub: one size only)
 
     mx, my = mean(x), mean(y)
     count = SSIM_WINDOW_PX**2
@@ -66,7 +66,7 @@ def recovered_rig(
 def agreement(weights: Floats) -> float:  # [A, T, R] -> mean correlation of pairs of avatars
     """Pearson r over all frames and activations that move, mean over pairs."""
     flat = weights.reshape(len(weights), -1)
-    r = np.corrcoef(flat)
+    r = np.atleast_2d(np.corrcoef(flat))
     return float(r[np.triu_indices(len(r), 1)].mean())
 
 

@@ -23,7 +23,7 @@ def sample(image: Floats, at: Floats) -> Floats:
             for c in range(image.shape[-1])
         ],
         1,
-    )
+    ).astype(np.float32, copy=False)
 
 
 def levels(
@@ -42,6 +42,6 @@ def levels(
         rows = kind == which
         place = (at[rows] * np.array(scale, np.float32)).astype(np.float32)
         for level, sigma in enumerate(sigmas):
-            soft = gaussian_filter(image, (sigma, sigma, 0), truncate=3.0)
+            soft = np.asarray(gaussian_filter(image, (sigma, sigma, 0), truncate=3.0), np.float32)
             out[rows, level] *= sample(soft, place)
     return out

@@ -78,7 +78,7 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
 
 def scatter(
     corners: Floats,  # [F, 3, 3] mm
-    normals: Floats,  # [F, 3]
+    normals: NDArray[np.floating],  # [F, 3]
     area: Floats,  # [F] mm^2
     density: NDArray[np.float64],  # [F] Gaussians a mm^2
     rng: np.random.Generator,
@@ -167,7 +167,7 @@ def surface(assembly: Assembly, anchors: Anchors) -> Surface:
     return build(
         mesh=assembly.posing.rest(face.neutral).geometry,
         faces=face.faces,
-        drawn=np.flatnonzero(assembly.kinds >= 0),
+        drawn=np.flatnonzero(assembly.kinds >= 0).astype(np.int32),
         kinds=assembly.vertex_kinds,
         blood=np.setdiff1d(face.regions["narrow_face"], face.regions["eyelids"]),
         triangles=anchors.triangles,

@@ -68,6 +68,7 @@ def make(assembly: Assembly, maker: Maker, name: str, recipe: Recipe) -> identit
     first, second, mix = recipe.skins
     skin = face.image(f"albedo/mh_{first}.jpg")[..., :3]
     skin = skin + mix * (face.image(f"albedo/mh_{second}.jpg")[..., :3] - skin)
+    skin = skin.astype(np.float32, copy=False)
     vertices = maker.posing.rest(geometry(face, modes)).geometry
     worn = None
     if recipe.style not in (BALD, BUZZ):
@@ -146,7 +147,7 @@ def run(assembly: Assembly, folder: Path, card: dict[str, object]) -> None:
 
 
 def eyes(
-    assembly: Assembly, kinds: Floats, at: Floats, mixing: Floats
+    assembly: Assembly, kinds: NDArray[np.integer], at: Floats, mixing: Floats
 ) -> dict[str, NDArray[np.uint8]]:
     """Colours of the eyes' Gaussians in every eye colour: so that anyone can be given eyes."""
     from render import textures

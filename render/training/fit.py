@@ -118,7 +118,7 @@ class Studio:
         light_seen = seen[self.surface.used].T.copy()
         rows, widths = self.surface.place(vertices, light_seen, still, lights)
         stretch = widths / self.surface.scales
-        return View(camera, rows.T.copy(), stretch, picture.astype(np.float32) / 255)
+        return View(camera, rows.T.copy(), stretch, picture.astype(np.float32) / np.float32(255))
 
 
 def crop(camera: Camera, rng: np.random.Generator) -> Camera:

@@ -53,7 +53,7 @@ def examples(assembly: Assembly, truth: Truth, coding: Coding, atlas: Atlas, use
         person = people.draw(assembly.face, int(seed))
         rest = assembly.posing.rest(people.neutral(assembly.face, person))
         assert (truth.rig[rows[0]] == still).all()
-        base = truth.seen[rows[0]][used].astype(np.float32) / 255
+        base = truth.seen[rows[0]][used].astype(np.float32) / np.float32(255)
         skin = people.texture(assembly.face, person)
         albedo = vertex_albedo(skin, plain, assembly.vertex_uv[used], used < SKIN_VERTICES)
         identities.append(identity_maps(atlas, albedo, rest.geometry[used] - template, base))
@@ -88,7 +88,10 @@ def run(
     """Train; also the share of the held-out light's change that stays unexplained."""
     coo = read_map.tocoo()
     read = torch.sparse_coo_tensor(
-        np.stack(coo.coords), coo.data, coo.shape, check_invariants=False
+        torch.from_numpy(np.stack(coo.coords)),
+        torch.from_numpy(coo.data),
+        coo.shape,
+        check_invariants=False,
     ).coalesce()
     weight = torch.from_numpy(weights)
     networks.set_seed(seed)

@@ -51,7 +51,7 @@ def run(
             parts = [_person(assembly, occlusion, seed, poses, frames) for seed in batch]
             arrays = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
             draft = path.with_suffix(".part.npz")
-            np.savez(draft, **arrays)
+            np.savez(draft, **arrays)  # pyright: ignore[reportArgumentType] (stub: any name may be allow_pickle)
             draft.rename(path)
     context.close()
     loaded = [np.load(path, allow_pickle=False) for path in files]
