@@ -70,8 +70,7 @@ def lip_geometry(
 ) -> LipGeometry:
     """Read the geometry off `vertices`: rig [53] -> the vertices [V, 3] mm of every face.
 
-    `upper` and `lower` are the vertex sets of the lips. The rig's effect is taken from the first
-    face, channel by channel at a small weight, where blendshapes are linear.
+    `upper` and `lower` are the vertex sets of the lips.
     """
     rest = vertices(np.zeros(len(RIG_NAMES), np.float32))
     columns = []
@@ -80,14 +79,29 @@ def lip_geometry(
         columns.append([members[np.abs(x - at) < COLUMN_HALF_MM] for at in COLUMNS_MM])
     chosen = np.unique(np.concatenate([m for side in columns for m in side]))
     where = {int(v): i for i, v in enumerate(chosen)}
-    basis = np.empty((len(chosen), len(RIG_NAMES)), np.float32)
-    for channel in range(len(RIG_NAMES)):
-        rig = np.zeros(len(RIG_NAMES), np.float32)
-        rig[channel] = 0.2
-        basis[:, channel] = (vertices(rig)[0][chosen, 1] - rest[0][chosen, 1]) / 0.2
+    basis = _effects(vertices, chosen)[..., 1]
     indexed = [[np.array([where[int(v)] for v in m]) for m in side] for side in columns]
     heights = np.stack([face[chosen, 1] for face in rest])
     return LipGeometry(heights, basis, indexed[0], indexed[1], chosen)
+
+
+def _effects(
+    vertices: Callable[[np.ndarray], Sequence[np.ndarray]], members: np.ndarray
+) -> np.ndarray:
+    """[N, 53, 3] mm a unit of each channel, from the first face with its mouth open.
+
+    Open, because the decoder keeps shut lips from crossing and lets mouthClose undo only as much
+    as the jaw has opened; apart from that its blendshapes are linear.
+    """
+    base = np.zeros(len(RIG_NAMES), np.float32)
+    base[RIG_INDEX["jawOpen"]] = 0.4
+    start = vertices(base)[0][members]
+    effects = np.empty((len(members), len(RIG_NAMES), 3), np.float32)
+    for channel in range(len(RIG_NAMES)):
+        rig = base.copy()
+        rig[channel] += 0.2
+        effects[:, channel] = (vertices(rig)[0][members] - start) / 0.2
+    return effects
 
 
 @dataclass(frozen=True)
@@ -117,11 +131,7 @@ def teeth_geometry(
     """As `lip_geometry`; `lower` is the lower lip's vertex set, `teeth` that of the upper jaw."""
     rest = vertices(np.zeros(len(RIG_NAMES), np.float32))
     members = lower[np.abs(rest[0][lower, 0]) < 10]
-    basis = np.empty((len(members), 3, len(RIG_NAMES)), np.float32)
-    for channel in range(len(RIG_NAMES)):
-        rig = np.zeros(len(RIG_NAMES), np.float32)
-        rig[channel] = 0.2
-        basis[..., channel] = (vertices(rig)[0][members] - rest[0][members]) / 0.2
+    basis = np.moveaxis(_effects(vertices, members), 1, 2)
     edges = []
     for face in rest:
         front = face[teeth][np.abs(face[teeth, 0]) < 9]
