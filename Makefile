@@ -20,7 +20,8 @@ $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet $(PIP_ARGS) -r requirements.lock
 	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps --editable .
-	$(VENV)/bin/npm install --silent --ignore-scripts --no-save --prefix $(VENV) $(XR_EMULATOR)
+	$(VENV)/bin/npm install --silent --ignore-scripts --no-save --prefix $(VENV) $(XR_EMULATOR) || \
+	    echo "No npm registry: the test of the emulated headset is left out."
 	touch $@
 
 system:

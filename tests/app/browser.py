@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -36,6 +37,8 @@ WebGL2RenderingContext.prototype.uniformMatrix4fv = function (place, flip, value
 
 def headset(root: Path) -> str:
     """A script that puts an emulated headset into the page."""
+    if not (root / EMULATOR).exists():
+        pytest.skip("the headset emulator could not be installed: make setup without npm")
     return (root / EMULATOR).read_text() + (
         ";globalThis.device = new IWER.XRDevice(IWER.metaQuest3);"
         "device.installRuntime({ forceInstall: true });"
