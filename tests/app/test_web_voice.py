@@ -1,5 +1,6 @@
 """Sound through Chromium drives the head exactly as the same sound in a session does."""
 
+import os
 from collections.abc import os
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def codes(driver: Driver, frames: list[SensorFrame]) -> np.ndarray:
 
 @pytest.mark.skipif(
     "LIVEDRIVE_VOICE_TEST" not in os.environ,
-    reason="fails when the machine stalls the browser's sound: set LIVEDRIVE_VOICE_TEST=1 to run it",
+    reason="fails when the machine stalls the browser's sound; LIVEDRIVE_VOICE_TEST=1 runs it",
 )
 def test_a_wav_before_the_pages_microphone_drives_the_head_as_in_a_session(
     pulse: PulseServer, driver: Driver, tmp_path: Path
