@@ -1,10 +1,9 @@
 """Sound through Chromium drives the head exactly as the same sound in a session does."""
 
 import os
-from collections.abc import os
+from collections.abc import Iterator
 from pathlib import Path
 
-import Iterator
 import numpy as np
 import pytest
 import soundfile
