@@ -10,7 +10,11 @@ from tyro.conf import Positional, subcommand
 from render.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from render.identity import Identity
+    from render.types import Gaussians
 
 NAME = "a-z, 0-9, - and _, at most 32"
 Pose = Literal["neutral", "smile", "jaw open", "blink", "gaze", "profile"]
@@ -39,26 +43,44 @@ class Show:
     """Width and height of each view, in pixels."""
     traverse: bool = False
     """Instead: the widest dimensions of the code, from -2 to 2 deviations."""
+    background: str = "grey"
+    """Behind the head: grey, white, green, transparent or #rrggbb."""
+    stereo: bool = False
+    """Both eyes of someone before the head, side by side, the left eye's picture on the left."""
 
     def run(self) -> None:
         from PIL import Image
 
-        from render import identity, ply, sheet
+        from app.background import flat, straight_alpha
+        from render import cameras, identity, ply, sheet
         from render.decoder import Decoder
         from render.renderer import create_renderer
+        from render.stereo import draw_pair, side_by_side
 
         if not 64 <= self.size <= 2048:
             raise InputError(f"--size: expected 64..2048, got {self.size}; try --size 512")
+        behind, transparent = flat(self.background), self.background == "transparent"
+
+        def shoot(cloud: "Gaussians", yaw_deg: float) -> "NDArray[np.uint8]":
+            size = self.size
+            camera = cameras.portrait(size, size, yaw_deg=yaw_deg, background=behind)
+            if self.stereo:
+                picture = draw_pair(renderer, cloud, side_by_side(camera))
+            else:
+                renderer.draw(cloud, camera)
+                picture = renderer.read_rgba()
+            return straight_alpha(picture) if transparent else picture[..., :3].copy()
+
         if self.name.endswith(".ply"):
             cloud = ply.load(Path(self.name))
             renderer = create_renderer()
-            views = [sheet.draw(renderer, cloud, self.size, yaw) for yaw in (0.0, 35.0, 65.0)]
+            views = [shoot(cloud, yaw) for yaw in (0.0, 35.0, 65.0)]
         else:
             names = identity.names() if self.name == "all" else [self.name]
             people = [identity.load(name) for name in names]
             decoder, renderer = Decoder.load(), create_renderer()
             make = sheet.traversals if self.traverse else sheet.avatar
-            views = [view for who in people for view in make(decoder, who, renderer, self.size)]
+            views = [view for who in people for view in make(decoder, who, shoot)]
         columns = 3 if self.name != "all" else len(sheet.POSES)
         columns = 5 if self.traverse else columns
         Image.fromarray(sheet.grid(views, columns)).save(self.picture)

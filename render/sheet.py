@@ -1,14 +1,16 @@
 """Contact sheets: what an avatar looks like in the expressions people judge a face by."""
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
-from render import cameras
 from render.decoder import Decoder
 from render.identity import Identity
-from render.types import Gaussians, Renderer
+from render.types import Gaussians
 
 Picture = NDArray[np.uint8]
+Shoot = Callable[[Gaussians, float], Picture]  # a cloud from a yaw of the camera, in degrees
 
 
 def gaze(yaw_deg: float, pitch_deg: float) -> NDArray[np.float32]:  # [2, 3] unit vectors
@@ -49,19 +51,12 @@ def posed(decoder: Decoder, who: Identity, pose: str) -> Gaussians:
     return decoder.decode(code(decoder, activations), looking, who)[1]
 
 
-def draw(renderer: Renderer, cloud: Gaussians, size: int, yaw_deg: float) -> Picture:
-    renderer.draw(cloud, cameras.portrait(size, size, yaw_deg=yaw_deg))
-    return renderer.read_rgba()[..., :3].copy()
-
-
-def avatar(decoder: Decoder, who: Identity, renderer: Renderer, size: int) -> list[Picture]:
+def avatar(decoder: Decoder, who: Identity, shoot: Shoot) -> list[Picture]:
     """One picture a pose, in the order of POSES."""
-    return [draw(renderer, posed(decoder, who, p), size, POSES[p][2]) for p in POSES]
+    return [shoot(posed(decoder, who, p), POSES[p][2]) for p in POSES]
 
 
-def traversals(
-    decoder: Decoder, who: Identity, renderer: Renderer, size: int, rows: int = 6
-) -> list[Picture]:
+def traversals(decoder: Decoder, who: Identity, shoot: Shoot, rows: int = 6) -> list[Picture]:
     """Latent traversals: the widest dimensions of the prior at -2, -1, 0, 1, 2 deviations."""
     coding, out = decoder.coding, []
     for dimension in np.argsort(-coding.deviation)[:rows]:
@@ -69,7 +64,7 @@ def traversals(
             normalised = np.zeros_like(coding.mean)
             normalised[dimension] = amount
             cloud = decoder.decode(coding.code(normalised), AHEAD, who)[1]
-            out.append(draw(renderer, cloud, size, 0.0))
+            out.append(shoot(cloud, 0.0))
     return out
 
 
