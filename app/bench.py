@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from tyro.conf import Positional
 
@@ -39,30 +39,41 @@ class Bench:
 
     def run(self) -> None:
         from app.bars import finish
-        from app.bench_faults import measure_faults
-        from app.bench_fuzz import measure_fuzz
-        from app.bench_live import measure_live_soak, measure_sensors
-        from app.bench_render import measure_render
-        from app.bench_soak import measure_soak
-        from app.bench_tick import measure_tick
-        from app.bench_web import measure_web
 
-        if self.what == "tick":
-            report = measure_tick(self.session, self.avatar, self.size, self.device)
-        elif self.what == "render":
-            report = measure_render(self.avatar)
-        elif self.what == "pictures":
-            report = measure_soak()
-        elif self.what == "sensors":
-            report = measure_sensors()
-        elif self.what == "faults":
-            report = measure_faults(self.times)
-        elif self.what == "web":
-            report = measure_web(self.session, self.avatar, self.minutes)
-        elif self.what == "fuzz":
-            report = measure_fuzz(self.num, self.seed)
-        else:
-            report = measure_live_soak(self.minutes)
+        report = self.measure()
         if self.report:
             self.report.write_text(json.dumps(report, indent=2) + "\n")
         finish(report["bars"])
+
+    def measure(self) -> dict[str, Any]:
+        if self.what == "tick":
+            from app.bench_tick import measure_tick
+
+            return measure_tick(self.session, self.avatar, self.size, self.device)
+        if self.what == "render":
+            from app.bench_render import measure_render
+
+            return measure_render(self.avatar)
+        if self.what == "pictures":
+            from app.bench_pictures import measure_pictures
+
+            return measure_pictures()
+        if self.what == "sensors":
+            from app.bench_live import measure_sensors
+
+            return measure_sensors()
+        if self.what == "faults":
+            from app.bench_faults import measure_faults
+
+            return measure_faults(self.times)
+        if self.what == "fuzz":
+            from app.bench_fuzz import measure_fuzz
+
+            return measure_fuzz(self.num, self.seed)
+        if self.what == "web":
+            from app.bench_web import measure_web
+
+            return measure_web(self.session, self.avatar, self.minutes)
+        from app.bench_live import measure_live_soak
+
+        return measure_live_soak(self.minutes)

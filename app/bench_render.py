@@ -13,6 +13,8 @@ import numpy as np
 from app.bars import at_least, at_most
 
 if TYPE_CHECKING:
+    from render.decoder import Decoder
+    from render.identity import Identity
     from render.types import Camera, Gaussians, Renderer
 
 CASES = ((16_384, 512), (32_768, 512), (65_536, 512), (65_536, 1024))  # Gaussians, px
@@ -113,12 +115,7 @@ def worst_psnr_db(renderer: "Renderer", avatar: str) -> float:
     decoder, who, reference = Decoder.load(), identity.load(avatar), ReferenceRenderer()
     rng, worst = np.random.default_rng(0), np.inf
     for index in range(FRAMES):
-        rig = rng.uniform(0.0, 0.7, len(decoder.rig_names)) * (
-            rng.random(len(decoder.rig_names)) < 0.2
-        )
-        gaze = np.array([[0.1 * rng.normal(), 0.1 * rng.normal(), 1.0]] * 2, np.float32)
-        gaze /= np.linalg.norm(gaze, axis=1, keepdims=True)
-        _, cloud = decoder.decode(decoder.encode(rig.astype(np.float32)), gaze, who)
+        cloud = random_face(rng, decoder, who)
         yaw, pitch = ANGLES[index % len(ANGLES)]
         distance = (400.0, 800.0, 1600.0)[index % 3]  # near and far
         camera = cameras.portrait(512, 512, yaw_deg=yaw, pitch_deg=pitch, distance_mm=distance)
@@ -127,3 +124,11 @@ def worst_psnr_db(renderer: "Renderer", avatar: str) -> float:
         error = renderer.read_rgba() - 255.0 * reference.read_float()
         worst = min(worst, float(10.0 * np.log10(255.0**2 / np.mean(error**2))))
     return worst
+
+
+def random_face(rng: np.random.Generator, decoder: "Decoder", who: "Identity") -> "Gaussians":
+    """A fifth of the rig's controls pulled, eyes turned, decoded."""
+    rig = rng.uniform(0.0, 0.7, len(decoder.rig_names)) * (rng.random(len(decoder.rig_names)) < 0.2)
+    gaze = np.array([[0.1 * rng.normal(), 0.1 * rng.normal(), 1.0]] * 2, np.float32)
+    gaze /= np.linalg.norm(gaze, axis=1, keepdims=True)
+    return decoder.decode(decoder.encode(rig.astype(np.float32)), gaze, who)[1]

@@ -13,11 +13,12 @@ WARM_UP = 1_000  # buffers grow to the largest picture, caches fill
 POOL = 24  # decoded faces that the pictures draw from
 
 
-def measure_soak() -> dict[str, Any]:
+def measure_pictures() -> dict[str, Any]:
     """The report holds metrics and bars (DESIGN 4)."""
     import psutil
     from tqdm import tqdm
 
+    from app.bench_render import random_face
     from render import cameras, identity
     from render.contexts import create_context
     from render.decoder import Decoder
@@ -62,13 +63,6 @@ def measure_soak() -> dict[str, Any]:
         at_most("gl_objects_growth", objects, 0),
     ]
     return {"renderer": renderer.name, "metrics": metrics, "bars": bars}
-
-
-def random_face(rng: np.random.Generator, decoder: Any, who: Any) -> Any:
-    rig = rng.uniform(0.0, 0.7, len(decoder.rig_names)) * (rng.random(len(decoder.rig_names)) < 0.2)
-    gaze = np.array([[0.2 * rng.normal(), 0.2 * rng.normal(), 1.0]] * 2, np.float32)
-    gaze /= np.linalg.norm(gaze, axis=1, keepdims=True)
-    return decoder.decode(decoder.encode(rig.astype(np.float32)), gaze, who)[1]
 
 
 def count_gl_objects() -> int:
