@@ -35,7 +35,7 @@ Floats = NDArray[np.float32]
 class EyePair(NamedTuple):
     """One moment, left eye first."""
 
-    pictures: NDArray[np.uint8]  # [2, 400, 400]
+    pictures: NDArray[np.uint8]  # [2, size_px, size_px]
     lids: Floats  # [2] opening: 0 shut, 1 as at rest
 
 
@@ -52,8 +52,9 @@ class Wearer:
 class NearEye:
     """Both eye cameras; holds the GL programs. One at a time in a process."""
 
-    def __init__(self, decoder: Decoder, backend: str = "auto") -> None:
+    def __init__(self, decoder: Decoder, backend: str = "auto", size_px: int = SIZE_PX) -> None:
         self.decoder = decoder
+        self.size_px = size_px  # smaller ones are much cheaper, for whoever shrinks them anyway
         self.context: GLContext = create_context(backend)
         gl = self.context.gl
         vertex = (SHADERS / "near_eye.vert.glsl").read_text()
@@ -63,8 +64,8 @@ class NearEye:
             for name in ("skin", "ball", "hair")
         }
         self.target = gl.framebuffer(
-            [gl.texture((SIZE_PX, SIZE_PX), 1, dtype="f4")],
-            gl.depth_renderbuffer((SIZE_PX, SIZE_PX)),
+            [gl.texture((size_px, size_px), 1, dtype="f4")],
+            gl.depth_renderbuffer((size_px, size_px)),
         )
         self.ball = self._buffer("ball", *_sphere())
         self.grains = gl.texture((GRAIN_PX, GRAIN_PX), 4, _grain_texture().tobytes())
@@ -105,7 +106,7 @@ class NearEye:
         look = look or wearer.look
         code = self.decoder.encode(self._shutting(rig))
         vertices = np.asarray(self.decoder.vertices(code, gaze, wearer.identity))
-        pictures = np.empty((2, SIZE_PX, SIZE_PX), np.uint8)
+        pictures = np.empty((2, self.size_px, self.size_px), np.uint8)
         lids = np.empty(2, np.float32)
         for eye in range(2):
             skin = wearer.skins[eye]
@@ -133,7 +134,7 @@ class NearEye:
         strands: parts.Strands,
         gaze: Floats,
         look: Look,
-    ) -> Floats:  # [400, 400] linear
+    ) -> Floats:  # [size_px, size_px] linear
         gl = self.context.gl
         self.context.activate()
         self.target.use()
@@ -151,14 +152,14 @@ class NearEye:
         self.ball.render()
         gl.enable(gl.BLEND)
         self.target.depth_mask = False
-        pixel_mm = 2 * look.distance * np.tan(np.radians(look.view_deg) / 2) / SIZE_PX
+        pixel_mm = 2 * look.distance * np.tan(np.radians(look.view_deg) / 2) / self.size_px
         brow = parts.brow_curves(skin, posed, surface, look.brow_hairs)
         curves = np.concatenate([strands.curves(margins), brow])
         hairs = parts.ribbons(curves, eye, look.lash_width, look.lash_shade, pixel_mm)
         self._draw_now("hair", hairs)
         self.target.depth_mask = True
         raw = np.frombuffer(self.target.read(components=1, dtype="f4"), np.float32)
-        return raw.reshape(SIZE_PX, SIZE_PX)[::-1].astype(np.float32)
+        return raw.reshape(self.size_px, self.size_px)[::-1].astype(np.float32)
 
     def _common(self, view: Floats, eye: Floats, look: Look) -> None:
         lamps = np.zeros((MAX_LEDS, 3), np.float32)

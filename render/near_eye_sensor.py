@@ -9,6 +9,7 @@ from scipy.ndimage import convolve1d, gaussian_filter
 from render.near_eye_look import Look
 
 Floats = NDArray[np.float32]
+FULL_PX = 400  # the size to which a look's blur and noise belong
 
 
 def expose(
@@ -16,21 +17,22 @@ def expose(
     look: Look,
     rng: np.random.Generator,
 ) -> NDArray[np.uint8]:  # [H, W]
-    """One picture as the camera delivers it."""
+    """One picture as the camera delivers it; smaller ones are like the means of a full one."""
+    scale = len(light) / FULL_PX
     image = np.maximum(light, np.float32(0)) + np.float32(0.2 * look.backdrop)
     if look.reflections:
         image = image + _reflections(image, look, rng)
     # bright glints bloom a little before they are cut off
-    image = gaussian_filter(np.minimum(image, 6.0), look.blur_px, truncate=3)
+    image = gaussian_filter(np.minimum(image, 6.0), look.blur_px * scale, truncate=3)
     if look.motion_px:
-        size = max(2, round(look.motion_px))
+        size = max(2, round(look.motion_px * scale))
         image = convolve1d(image, np.full(size, 1 / size, np.float32), axis=int(rng.integers(2)))
     image *= _vignette(image.shape[0], look.vignette)
     typical = float(np.mean(image[::4, ::4])) + 1e-6
     steps = image * (1023 / 4 * look.exposure / 255 / typical)
     response = 255 * np.linspace(0, 4, 1024, dtype=np.float32) ** look.gamma
     grey = response[np.minimum(steps, 1023).astype(np.int16)]
-    spread = look.noise * (0.5 + 0.5 * np.sqrt(np.minimum(response, 255) / 128))
+    spread = look.noise * scale * (0.5 + 0.5 * np.sqrt(np.minimum(response, 255) / 128))
     start = int(rng.integers(len(_NOISE) - image.size))
     noise = _NOISE[start : start + image.size].reshape(image.shape)
     grey += spread[np.minimum(steps, 1023).astype(np.int16)] * noise + 0.5
@@ -55,6 +57,7 @@ def _reflections(image: Floats, look: Look, rng: np.random.Generator) -> Floats:
     for _ in range(look.reflections):
         cx, cy = rng.uniform(0, width), rng.uniform(0, height)
         a, b, turn = rng.uniform(6, 45), rng.uniform(4, 20), rng.uniform(0, 3.2)
+        a, b = a * height / FULL_PX, b * height / FULL_PX
         u = (x - cx) * np.cos(turn) + (y - cy) * np.sin(turn)
         v = (y - cy) * np.cos(turn) - (x - cx) * np.sin(turn)
         edge = (np.abs(u / a) ** 4 + np.abs(v / b) ** 4) ** 0.25

@@ -1,6 +1,6 @@
 """Splat renderer for real GPUs: one instanced quad a Gaussian, blended back to front.
 
-Shares the projection and the sort with render/splat_tiles.py. Blends premultiplied in RGBA16F,
+Shares the projection and its order with render/splat_tiles.py. Blends premultiplied in RGBA16F,
 because 8-bit blending loses 10 dB and more.
 """
 
@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
-from render.splat_tiles import SHADERS, GrowingBuffer, Projector
+from render.projector import Projector
+from render.storage import SHADERS, GrowingBuffer, splat_shader
 from render.types import Camera, Gaussians
 
 
@@ -20,11 +21,11 @@ class QuadRenderer:
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.program(
-            vertex_shader=(SHADERS / "quads.vert.glsl").read_text(),
+            vertex_shader=splat_shader("quads.vert.glsl"),
             fragment_shader=(SHADERS / "quads.frag.glsl").read_text(),
         )
         self._quad = gl.vertex_array(self._program, [])
-        self._splats = GrowingBuffer(gl)
+        self._order = GrowingBuffer(gl)
         self._target = gl.framebuffer([gl.texture((1, 1), 4, dtype="f2")])
         self._picture = np.empty((1, 1, 4), np.uint8)
         self.name = f"quads on {context.renderer} ({context.backend})"
@@ -33,18 +34,19 @@ class QuadRenderer:
         """Draw one picture; its size is that of the camera."""
         self._context.activate()
         gl, size = self._context.gl, (camera.width, camera.height)
-        splats, _ = self._projector.run(gaussians, camera)
+        order = self._projector.run(gaussians, camera)
         self._resize(size)
         self._target.use()
         self._target.clear(*camera.background, 0.0)
-        if len(splats) == 0:
+        if len(order) == 0:
             return
         gl.enable_only(gl.BLEND)
         gl.blend_func = gl.ONE, gl.ONE_MINUS_SRC_ALPHA
-        self._splats.write(np.ascontiguousarray(splats[::-1]))
-        self._splats.bind(0)
+        self._order.write(np.ascontiguousarray(order[::-1]))
+        self._projector.splats.bind(0)
+        self._order.bind(1)
         self._program["size"] = size
-        self._quad.render(gl.TRIANGLE_STRIP, vertices=4, instances=len(splats))
+        self._quad.render(gl.TRIANGLE_STRIP, vertices=4, instances=len(order))
 
     @property
     def dropped(self) -> int:

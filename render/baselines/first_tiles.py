@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
-from render.splat_tiles import FIELDS, HIDDEN, TILE_PX, U32, GrowingBuffer, expand
+from render.projector import FIELDS, TILE_PX, U32, depth_order
+from render.storage import GrowingBuffer
+from render.tile_pairs import expand
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:
@@ -59,14 +61,6 @@ class Projector:
         self._depth_buffer.read(self.depths)
         self._rect_buffer.read(self.rects)
 
-    def depth_order(self) -> U32:
-        """Indices [M] of the visible splats, nearest first; equal depths in index order."""
-        # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
-        keys = self.depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
-        keys |= np.arange(len(keys), dtype=np.uint64)
-        keys = np.sort(keys[self.depths < HIDDEN])
-        return keys.astype(np.uint32)
-
 
 def sort_by_tile(order: U32, rects: NDArray[np.uint16], size: tuple[int, int]) -> tuple[U32, U32]:
     """All (tile, splat) pairs, by tile and then by depth.
@@ -108,7 +102,7 @@ class FirstTileRenderer:
         """Draw one picture; its size is that of the camera."""
         self._context.activate()
         self._projector.run(gaussians, camera)
-        order = self._projector.depth_order()
+        order = depth_order(self._projector.depths)
         tiles = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         pairs, starts = sort_by_tile(order, self._projector.rects, tiles)
         self._pairs.write(pairs)

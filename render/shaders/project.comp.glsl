@@ -1,5 +1,4 @@
 // Gaussians -> splats (EWA projection); one lane a Gaussian. The oracle is render/reference.py.
-#version 430
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) readonly buffer Means { float means[]; };
@@ -7,9 +6,9 @@ layout(std430, binding = 1) readonly buffer Quats { float quats[]; };
 layout(std430, binding = 2) readonly buffer Scales { float scales[]; };
 layout(std430, binding = 3) readonly buffer Opacities { float opacities[]; };
 layout(std430, binding = 4) readonly buffer Colors { float colors[]; };
-layout(std430, binding = 5) writeonly buffer Splats { uvec4 splats[]; };  // packed, see below
+layout(std430, binding = 5) writeonly buffer Splats { uvec4 splats[]; };  // packed
 layout(std430, binding = 6) writeonly buffer Depths { float depths[]; };  // mm, HIDDEN or BROKEN
-layout(std430, binding = 7) writeonly buffer Rects { uvec2 rects[]; };    // tiles: x0|y0, x1|y1
+layout(std430, binding = 7) writeonly buffer Boxes { uvec4 boxes[]; };    // tiles, see main
 
 uniform int num_gaussians;
 uniform mat4 view;     // world to camera
@@ -22,13 +21,22 @@ const float HIDDEN = 3.0e38;  // depth of a splat outside the picture
 const float BROKEN = 3.2e38;  // and of one that no picture can show
 const float LOW_PASS = 0.3;
 const float MAX_ALPHA = 0.999;
-const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
 const float HALF_LOG2_E = 0.72134752;
 
-// The bits of a positive float from `least` (a biased exponent) on, 11 of its mantissa, rounded.
-uint shorten(float x, uint least, uint most) {
-    uint bits = max(floatBitsToUint(x) + 0x800u, least << 23) - (least << 23);
-    return min(bits >> 12, most);
+const float SLACK = 0.02;  // px
+const vec2 MOST = vec2(15.0, 8.0);  // tiles across and down of a box with rows
+
+// The tiles that an ellipse reaches in a row of tiles, whose middle is dy from its centre.
+vec2 reach(Splat s, float half_height, float dy) {
+    vec2 ends = dy + vec2(-0.5, 0.5) * (tile.y - 1.0) + vec2(-SLACK, SLACK);
+    float widest = s.q * half_height * inversesqrt(s.q * s.q + s.r * s.r);  // where it is leftmost
+    vec2 at = clamp(vec2(widest, -widest), max(ends.x, -half_height), min(ends.y, half_height));
+    vec2 v = s.r * at;
+    vec2 arm = sqrt(max(s.log2_opacity + FAINTEST - v * v, 0.0)) * vec2(-1.0, 1.0) - s.q * at;
+    vec2 x = s.xy.x + arm / s.p + vec2(-SLACK, SLACK);
+    vec2 pixels = vec2(ceil(x.x - 0.5), floor(x.y + 0.5));
+    bool hit = ends.x <= half_height && ends.y >= -half_height && pixels.x < pixels.y;
+    return hit ? vec2(floor(pixels.x / tile.x), ceil(pixels.y / tile.x)) : vec2(0.0);
 }
 
 mat3 rotation(vec4 wxyz) {
@@ -70,28 +78,35 @@ void main() {
     float xx = dot(row_x, row_x) + LOW_PASS;
     float yy = dot(row_y, row_y) + LOW_PASS;
     float k = dot(row_x, row_y) / yy;
-    // alpha = exp2(log2_opacity - u^2 - v^2), u = p dx + q dy, v = r dy: the Cholesky factor of the
-    // inverse covariance keeps long thin splats exact where the inverse itself would cancel.
-    float p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1.0e-6));
-    float q = -p * k;
-    float r = sqrt(HALF_LOG2_E / yy);
-    float log2_opacity = log2(clamp(opacity, 1.0e-6, MAX_ALPHA));
+    Splat splat;
+    splat.xy = xy;
+    splat.p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1.0e-6));
+    splat.q = -splat.p * k;
+    splat.r = sqrt(HALF_LOG2_E / yy);
+    splat.log2_opacity = log2(clamp(opacity, 1.0e-6, MAX_ALPHA));
+    splat.color = 1023.0 * color;
+    splats[i] = pack(splat);
 
-    vec2 half_size = sqrt((log2_opacity + FAINTEST) / HALF_LOG2_E * vec2(xx, yy));
+    vec2 half_size = sqrt((splat.log2_opacity + FAINTEST) / HALF_LOG2_E * vec2(xx, yy));
     vec2 low = clamp(floor((xy - half_size) / tile), vec2(0.0), ceil(size / tile));
     vec2 high = clamp(ceil((xy + half_size) / tile), vec2(0.0), ceil(size / tile));
     visible = visible && all(greaterThan(high, low));  // false for NaN
 
     depths[i] = visible ? point.z : sound ? HIDDEN : BROKEN;
-    rects[i] = uvec2(uint(low.x) | uint(low.y) << 16, uint(high.x) | uint(high.y) << 16);
-    // 16 bytes a splat, because blending on a CPU waits for loads: p q r in 16
-    // bits each, position in 1/128 px from -2048, colours and -log2 opacity in 10 bits.
-    uvec2 at = uvec2(clamp(round((xy + 2048.0) * 128.0), 0.0, 1048575.0));
-    uvec3 rgb = uvec3(round(clamp(color, 0.0, 1.0) * 1023.0));
-    uint faint = uint(round(clamp(-log2_opacity / FAINTEST, 0.0, 1.0) * 1023.0));
-    splats[i] = uvec4(
-        shorten(p, 97u, 0xffffu) | (shorten(abs(q), 114u, 0x7fffu) | (q < 0.0 ? 0x8000u : 0u)) << 16,
-        shorten(r, 97u, 0xffffu) | faint << 16 | (rgb.b >> 4) << 26,
-        at.x << 12 | rgb.r << 2 | (rgb.b >> 2 & 3u),
-        at.y << 12 | rgb.g << 2 | (rgb.b & 3u));
+
+    // Two corners, and for each row of the box a byte: tiles left out << 4 | tiles reached.
+    uvec2 rows = uvec2(0xffffffffu);
+    if (all(lessThanEqual(high - low, MOST))) {
+        rows = uvec2(0u);
+        float half_height = half_size.y;
+        for (int row = 0; row < 8; row++) {
+            float y = low.y + float(row);
+            vec2 columns = clamp(reach(splat, half_height, (y + 0.5) * tile.y - xy.y), low.x, high.x);
+            uint reached = uint(max(columns.y - columns.x, 0.0));
+            uint bits = y < high.y && reached > 0u ? uint(columns.x - low.x) << 4 | reached : 0u;
+            rows[row >> 2] |= bits << (8 * (row & 3));
+        }
+    }
+    boxes[i] = uvec4(
+        uint(low.x) | uint(low.y) << 16, uint(high.x) | uint(high.y) << 16, rows);
 }

@@ -1,21 +1,20 @@
 // Splats, sorted by tile and depth -> picture. One lane a tile of 8x8 px: lanes of a software driver
 // share a vector register and load one after the other, so eight tiles share the cost of a load,
 // which is more than that of 64 pixels. Tiles come by length of their lists, so lanes end together.
-#version 430
 layout(local_size_x = 8) in;
 
 layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };  // nearest first
 layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };     // tile after tile
 layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };   // tile -> first pair
 layout(std430, binding = 3) readonly buffer Tiles { uint tiles[]; };     // lane -> tile
-layout(std430, binding = 4) writeonly buffer Pixels { uint pixels[]; };  // RGBA8, top row first
+layout(std430, binding = 4) writeonly buffer Needs { uint needs[]; };  // tile -> pairs it looked at
+layout(std430, binding = 5) writeonly buffer Pixels { uint pixels[]; };  // RGBA8, top row first
 
 uniform uvec2 size;      // px
 uniform uint tiles_across;
 uniform vec3 background;
 uniform uint rank_mask;  // the bits of a pair that are the index of its splat
 
-const float FAINTEST = 6.0;
 const float CUTOFF = 1.0 / 64.0;  // the faintest alpha that is drawn
 const float OPAQUE = 1.0 / 128.0;  // a tile this opaque hides the rest
 
@@ -25,8 +24,8 @@ vec4 acc[64];  // column after column: colour in 0..1023, transmittance
 // from two ratios; along a row those ratios grow by a constant factor. Columns start between rows 3
 // and 4: the low-pass filter keeps `bend` below 2.4, so a splat whose alpha is under 2^-60 there
 // reaches no row of the column, and nothing over- or underflows.
-struct Splat {
-    float p, q, r;      // log2 alpha = log2_opacity - u^2 - v^2, u = p dx + q dy, v = r dy
+struct Seen {
+    float p, q, r;
     float u, v;         // at the start of the column
     float middle;       // log2 alpha there, less -u^2
     float bend;
@@ -36,36 +35,23 @@ struct Splat {
     vec3 color;
 };
 
-// p, r: 5 bits of exponent from 2^-30, 11 of mantissa; q: sign, 4 from 2^-13, 11. No half floats:
-// software drivers take a dozen instructions to widen one.
-vec3 unpack_axes(uvec2 word) {
-    return vec3(
-        uintBitsToFloat(((word.x & 0xffffu) << 12) + (97u << 23)),
-        uintBitsToFloat((word.x >> 16 << 12 & 0x7ffffffu) + (114u << 23) | word.x & 0x80000000u),
-        uintBitsToFloat(((word.y & 0xffffu) << 12) + (97u << 23)));
-}
-
-Splat load(uint i, uint end, vec2 start) {
-    uvec4 word = splats[pairs[min(i, end - 1u)] & rank_mask];
-    Splat s;
-    vec3 axes = unpack_axes(word.xy);
-    s.p = axes.x, s.q = axes.y, s.r = axes.z;
-    vec2 d = start - vec2(word.zw >> 12) * (1.0 / 128.0) + 2048.0;
+Seen load(uint i, uint end, vec2 start) {
+    Splat splat = unpack(splats[pairs[min(i, end - 1u)] & rank_mask]);
+    Seen s;
+    s.p = splat.p, s.q = splat.q, s.r = splat.r;
+    vec2 d = start - splat.xy;
     s.u = s.p * d.x + s.q * d.y, s.v = s.r * d.y;
     s.bend = s.q * s.q + s.r * s.r;
-    float log2_opacity = i < end ? float(word.y >> 16 & 1023u) * (-FAINTEST / 1023.0) : -1.0e3;
-    s.middle = log2_opacity - s.v * s.v - 0.25 * s.bend;
+    s.middle = (i < end ? splat.log2_opacity : -1.0e3) - s.v * s.v - 0.25 * s.bend;
     float slope = 2.0 * (s.u * s.q + s.v * s.r);
     s.ratio = exp2(clamp(vec2(slope, -slope) - 2.0 * s.bend, -90.0, 90.0));
     s.ratio_growth = exp2(vec2(2.0, -2.0) * (s.p * s.q));
     s.ratio_decay = exp2(-2.0 * s.bend);
-    s.color = vec3(
-        word.z >> 2 & 1023u, word.w >> 2 & 1023u,
-        word.y >> 26 << 4 | (word.z & 3u) << 2 | (word.w & 3u));
+    s.color = splat.color;
     return s;
 }
 
-vec2 first_alphas(Splat s) {
+vec2 first_alphas(Seen s) {
     float slope = s.u * s.q + s.v * s.r;
     vec2 power = vec2(slope, -slope) + s.middle - s.u * s.u;
     return mix(exp2(power), vec2(0.0), lessThan(power, vec2(-60.0)));
@@ -77,7 +63,7 @@ void add(int pixel, float alpha, vec3 color) {
     acc[pixel].w -= weight;
 }
 
-void blend(int x, inout Splat a, inout Splat b) {  // one column; a is in front of b
+void blend(int x, inout Seen a, inout Seen b) {  // one column; a is in front of b
     vec2 alpha_a = first_alphas(a), alpha_b = first_alphas(b);
     vec2 ratio_a = max(a.ratio, 1.0 / 4096.0), ratio_b = max(b.ratio, 1.0 / 4096.0);
     for (int k = 0; k < 4; k++) {
@@ -114,16 +100,21 @@ void main() {
 
     uint end = starts[tile + 1u];
     bool hidden = false;
+    uint looked = 0xffffffffu;
     for (uint i = starts[tile]; i < end; i += 2u) {
-        Splat a = load(i, end, start), b = load(i + 1u, end, start);  // a is in front of b
+        Seen a = load(i, end, start), b = load(i + 1u, end, start);  // a is in front of b
 #define BLEND(x) blend(x, a, b);
         EIGHT(BLEND)
         float left = 0.0;
 #define LEFT(x) for (int row = 0; row < 8; row++) left = max(left, acc[x + row].w);
         EIGHT(LEFT)
         hidden = left < OPAQUE;
-        if (hidden) break;
+        if (hidden) {
+            looked = i + 2u - starts[tile];
+            break;
+        }
     }
+    needs[tile] = looked;
 #define STORE(x) \
     for (int row = 0; row < 8; row++) store(acc[x + row], hidden, corner + uvec2(x / 8, row));
     EIGHT(STORE)

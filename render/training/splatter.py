@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from render.reference import LOW_PASS_PX2, MAX_ALPHA, MIN_ALPHA
-from render.splat_tiles import sort_by_tile
+from render.tile_pairs import sort_by_tile
 from render.types import Camera
 
 TILE_PX = 8
@@ -116,8 +116,8 @@ def _tiles(
     shown &= (high > low).all(1) & (flat.depth > camera.near_mm)
     order = np.argsort(flat.depth, kind="stable")
     order = order[shown[order]]
-    rects = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low[order], high[order])], 1)
-    pairs, starts, mask = sort_by_tile(rects.astype(np.uint32), size)
+    boxes = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low[order], high[order])], 1)
+    pairs, starts, mask = sort_by_tile(boxes.astype(np.uint32), size)
     return order[pairs & np.uint32(mask)], starts, size
 
 

@@ -1,0 +1,79 @@
+"""Gaussians -> splats on the screen: the first pass of every GL splat renderer."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.storage import GrowingBuffer, splat_shader
+from render.types import Camera, Gaussians
+
+if TYPE_CHECKING:
+    import moderngl
+
+TILE_PX = 8
+FIELDS = ("means", "quats", "scales", "opacities", "colors")  # bindings 0..4
+# Depths of undrawn splats, as in shaders/project.comp.glsl.
+HIDDEN, BROKEN = np.float32(3.0e38), np.float32(3.2e38)
+
+U32 = NDArray[np.uint32]
+
+
+class Projector:
+    """Uploads Gaussians and leaves packed splats on the device; depths and boxes come back."""
+
+    def __init__(self, gl: "moderngl.Context") -> None:
+        self._gl = gl
+        self._program = gl.compute_shader(splat_shader("project.comp.glsl"))
+        self._inputs = [GrowingBuffer(gl) for _ in FIELDS]
+        self.splats, self._depth_buffer, self._box_buffer = (GrowingBuffer(gl) for _ in range(3))
+        self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
+        self.boxes = np.empty((0, 4), np.uint32)  # [N] tiles: x0 | y0 << 16, x1 | y1 << 16, rows
+        self.dropped = 0  # Gaussians of the last run that no picture can show
+
+    def run(self, gaussians: Gaussians, camera: Camera) -> U32:
+        """Project; returns the indices [M] of the visible splats, nearest first."""
+        gaussians.check()
+        n = len(gaussians)
+        if n != len(self._depths):
+            self._depths, self.boxes = np.empty(n, np.float32), np.empty((n, 4), np.uint32)
+        if n == 0:
+            self.dropped = 0
+            return np.empty(0, np.uint32)
+        for binding, (name, buffer) in enumerate(zip(FIELDS, self._inputs, strict=True)):
+            buffer.write(np.ascontiguousarray(getattr(gaussians, name), np.float32))
+            buffer.bind(binding)
+        for binding, (buffer, row_bytes) in enumerate(
+            ((self.splats, 16), (self._depth_buffer, 4), (self._box_buffer, 16)), len(FIELDS)
+        ):
+            buffer.reserve(n * row_bytes)
+            buffer.bind(binding)
+        K, program = camera.K, self._program
+        program["num_gaussians"] = n
+        program["view"] = tuple(np.asarray(camera.viewmat, np.float64).T.ravel())
+        program["lens"] = (K[0, 0], K[1, 1], K[0, 2], K[1, 2])
+        program["size"] = (camera.width, camera.height)
+        program["tile"] = (TILE_PX, TILE_PX)
+        program["near_mm"] = camera.near_mm
+        program.run((n + 63) // 64)
+        self._gl.memory_barrier()
+        self._depth_buffer.read(self._depths)
+        self._box_buffer.read(self.boxes)
+        self.dropped = int(np.count_nonzero(self._depths == BROKEN))
+        return depth_order(self._depths)
+
+    def read_splats(self) -> U32:
+        """The packed splats [N, 4] of the last run, in the order of the Gaussians."""
+        splats = np.empty((len(self._depths), 4), np.uint32)
+        if len(splats):
+            self.splats.read(splats)
+        return splats
+
+
+def depth_order(depths: NDArray[np.float32]) -> U32:
+    """Indices [M] of the visible splats, nearest first; equal depths in index order."""
+    # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
+    keys = depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(keys), dtype=np.uint64)
+    keys = np.sort(keys[depths < HIDDEN])
+    return keys.astype(np.uint32)
