@@ -7,19 +7,20 @@ from typing import Literal
 from tyro.conf import Positional
 
 Stage = Literal[
-    "prior", "audio", "diffusion", "distill", "regression", "gaze", "eyes", "multimodal"
+    "prior", "audio", "diffusion", "distill", "regression", "gaze", "eyes", "multimodal", "emotion"
 ]
 Variant = Literal[
-    "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd"
-]
+    "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
+    "fine-tune", "no-lip",
+]  # fmt: skip
 
 
 @dataclass(kw_only=True)
 class Train:
     """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
 
-    Order: audio, diffusion, distill; then gaze (a graph), eyes, multimodal. On several GPUs or
-    machines start it with torchrun.
+    Order: audio, diffusion, distill; then gaze (a graph), eyes, multimodal; emotion. On several
+    GPUs or machines start it with torchrun.
     """
 
     stage: Positional[Stage]
@@ -27,11 +28,11 @@ class Train:
     variant: Variant = "none"
     """An ablation of the paper, kept in its own folder of the data: `centred` audio encoder,
     `offline` teacher with full attention, regression with a `lookahead` of 5 frames, losses left
-    out or jitter not normalised."""
+    out or jitter not normalised; emotion by `fine-tune` of every weight, or without L_lip."""
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None
-    """Folder with weights of the same shapes to start from."""
+    """Folder with weights of the same shapes to start from; emotion: with the model to extend."""
     steps: int | None = None
     """Instead of the preset's."""
     face: Path = Path("face")

@@ -36,10 +36,12 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "lookahead": {"regression": {"lookahead": 5}},  # 167 ms
     "no-dmd": {"distill": {"dmd_weight": 0.0}},
+    "fine-tune": {"emotion": {"fine_tune": True, "rate": 1e-4}},
+    "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 
 
-def face() -> "Face":
+def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
     """The frozen decoder as the losses see it; a vertex is measured from its place at rest."""
     import torch
 
@@ -48,7 +50,7 @@ def face() -> "Face":
 
     decoder = Decoder.load()
     weights: dict[int, float] = {}
-    for region, (every, weight) in LOSS_VERTICES.items():
+    for region, (every, weight) in regions.items():
         for vertex in decoder.regions[region][::every].tolist():
             weights[vertex] = max(weight, weights.get(vertex, 0.0))
     chosen = np.array(sorted(weights))
@@ -100,6 +102,10 @@ def run_stage(command: "Train") -> None:
         from app.eye_training import run_eye_stage
 
         run_eye_stage(command, run)
+    elif command.stage == "emotion":
+        from app.emotion_training import run_emotion_stage
+
+        run_emotion_stage(command, run, settings)
     else:
         _run_motion(command, folder, run, settings)
 
@@ -141,7 +147,7 @@ def _settings(command: "Train") -> dict[str, Any]:
     settings = dict(stages.get(command.stage, {}))
     if command.steps is not None:
         settings["steps"] = command.steps
-    if command.start is not None:
+    if command.start is not None and command.stage != "emotion":
         names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
         settings["start"] = command.start / names.get(command.stage, "regression")
     return settings

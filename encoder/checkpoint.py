@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 FORMAT = 1
-KINDS = ("audio", "centred", "heads", "diffusion", "student", "eyes")
+KINDS = ("audio", "centred", "heads", "diffusion", "student", "eyes", "emotion")
 Config = TypeVar("Config")
 
 
@@ -61,7 +61,7 @@ def load(path: Path | str, *kinds: str) -> tuple[dict[str, Tensor], dict[str, An
 
     path = Path(path)
     stage = "diffusion" if {"diffusion", "student"} & {*kinds} else "audio"
-    stage = "eyes" if "eyes" in kinds else stage
+    stage = next((kind for kind in ("eyes", "emotion") if kind in kinds), stage)
 
     def fail(expected: str, got: object) -> InputError:
         remedy = f"restore the file or run `livedrive train {stage}`"

@@ -126,6 +126,11 @@ class Block(nn.Module):
         return x + gate2 * self.down(functional.gelu(self.up(y), approximate="tanh")), kept
 
 
+def _with(x: Tensor, emotion: Tensor | None, place: int) -> Tensor:
+    """x [B, T, dim] and what the emotion adds at this place, the same at all frames."""
+    return x if emotion is None else x + emotion[:, place, None]
+
+
 class Denoiser(nn.Module):
     """Works in standardised code space; `standardise` and `unstandardise` cross the border."""
 
@@ -185,15 +190,16 @@ class Denoiser(nn.Module):
         condition: Tensor,  # [B, T, condition_dim]
         keep_audio: Tensor | None = None,  # [B] bool; False: the learned null
         keep_condition: Tensor | None = None,  # [B] bool
+        emotion: Tensor | None = None,  # [B, layers + 1, dim], see zero_conv.py
     ) -> Tensor:  # x0 [B, T, 256]
         x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         positions = torch.arange(x.shape[1], device=x.device)
         lag = positions[:, None] - positions[None]
         mask = (lag >= 0) & (lag <= self.config.window) | (not self.config.causal)
         rope, embedded = self._rope(positions), self._tau(tau)
-        for block in self.blocks:
-            x, _ = block(x, embedded, None, rope, mask)
-        return self.output(self.norm(x))
+        for i, block in enumerate(self.blocks):
+            x, _ = block(_with(x, emotion, i), embedded, None, rope, mask)
+        return self.output(self.norm(_with(x, emotion, -1)))
 
     def init_state(self, batch: int) -> State:
         """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
@@ -206,6 +212,7 @@ class Denoiser(nn.Module):
     def step(
         self, noisy: Tensor, tau: Tensor, audio: Tensor, condition: Tensor, state: State,
         keep_audio: Tensor | None = None, keep_condition: Tensor | None = None,
+        emotion: Tensor | None = None,
     ) -> tuple[Tensor, State]:  # fmt: skip
         """Any number of new frames T, shapes as in `forward`; tau stays the same in a stream."""
         window = self.config.window
@@ -219,6 +226,7 @@ class Denoiser(nn.Module):
         rope, embedded = self._rope(positions), self._tau(tau)
         kept = []
         for i, block in enumerate(self.blocks):
+            x = _with(x, emotion, i)
             x, (k, v) = block(x, embedded, (keys[i], values[i]), rope, mask)
             kept.append((k[:, :, time:], v[:, :, time:]))
         state = {
@@ -226,4 +234,4 @@ class Denoiser(nn.Module):
             "values": torch.stack([v for _, v in kept]),
             "frame": state["frame"] + time,
         }
-        return self.output(self.norm(x)), state
+        return self.output(self.norm(_with(x, emotion, -1))), state

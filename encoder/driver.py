@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.diffusion import frame_noise
+from encoder.emotion import NEUTRAL, Emotions, Mood
 from encoder.eye_tracker import EyeState, EyeTracker
 from encoder.gaze_graph import GazeGraph
 from encoder.gaze_walk import GazeWalk, WalkState
@@ -45,6 +46,7 @@ class DriverState:
     seed: int
     backend: BackendState
     gaze: WalkState | EyeState  # as the condition is
+    mood: Mood = Mood()
 
 
 def _untimed(stage: str) -> AbstractContextManager[object]:
@@ -60,6 +62,7 @@ class Driver:
         denoiser: Denoiser,
         eyes: EyeEncoder | None = None,
         graph: GazeGraph | None = None,  # default: the shipped one
+        emotions: Emotions | None = None,  # of this denoiser
     ) -> None:
         config = denoiser.config
         if (config.condition == "eyes") != (eyes is not None):
@@ -69,6 +72,7 @@ class Driver:
             )
         self.backend, self.config, self.eyes = backend, config, eyes
         self.graph = graph or GazeGraph.load()
+        self.emotions = emotions
         self.calibration: EyeCalibration | None = None  # of who wears the headset
         self.mean = denoiser.expression_mean.cpu().numpy()
         self.std = denoiser.expression_std.cpu().numpy()
@@ -93,10 +97,29 @@ class Driver:
         condition, gaze, gaze_state = self._look(frame, state, timer)
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
-            code, backend_state = self.backend.denoise(noise, features, condition, backend_state)
+            felt, mood = self._feel(frame.emotion, state.mood)
+            code, backend_state = self.backend.denoise(
+                noise, features, condition, backend_state, felt
+            )
             expression = code * self.std + self.mean
         driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
-        return driven, DriverState(state.seed, backend_state, gaze_state)
+        return driven, DriverState(state.seed, backend_state, gaze_state, mood)
+
+    def check_emotion(self, words: str) -> None:
+        """Raise InputError where `words` cannot be shown."""
+        if self.emotions is not None:
+            self.emotions.mixture(words)
+        elif words not in ("", NEUTRAL):
+            raise InputError(
+                f"emotion: expected weights made for this {self.config.condition} model, got none "
+                f"for {words!r}; run `livedrive train emotion`, or go on with --emotion {NEUTRAL}"
+            )
+
+    def _feel(self, words: str, mood: Mood) -> tuple[NDArray[np.float32] | None, Mood]:
+        if self.emotions is None:
+            self.check_emotion(words)
+            return None, mood
+        return self.emotions.step(words, mood)
 
     def _look(
         self, frame: SensorFrame, state: DriverState, timer: Timer

@@ -47,9 +47,11 @@ class Backend(Protocol):
         ...
 
     def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState
-    ) -> tuple[Array, BackendState]:
-        """noise [256] at tau = N, features [A], condition [6] -> standardised code [256]."""
+        self, noise: Array, features: Array, condition: Array, state: BackendState,
+        emotion: Array | None = None,
+    ) -> tuple[Array, BackendState]:  # fmt: skip
+        """noise [256] at tau = N, features [A], condition [6], emotion [layers + 1, dim] or none
+        -> standardised code [256]."""
         ...
 
 
@@ -86,13 +88,15 @@ class TorchBackend:
         return y[0, 0].cpu().numpy(), {**state, "audio": after}
 
     def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState
-    ) -> tuple[Array, BackendState]:
+        self, noise: Array, features: Array, condition: Array, state: BackendState,
+        emotion: Array | None = None,
+    ) -> tuple[Array, BackendState]:  # fmt: skip
         import torch
 
         x, a, g = (self._tensor(x, 1, 1, -1) for x in (noise, features, condition))
+        added = None if emotion is None else self._tensor(emotion, 1, *emotion.shape)
         with torch.inference_mode():
-            y, after = self.denoiser.step(x, self.tau, a, g, state["past"])
+            y, after = self.denoiser.step(x, self.tau, a, g, state["past"], emotion=added)
         return y[0, 0].cpu().numpy(), {**state, "past": after}
 
 
@@ -139,6 +143,7 @@ class OnnxBackend:
         self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, int8))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
+        self.calm = np.zeros((self.config.layers + 1, self.config.dim), np.float32)
 
     def init_state(self) -> BackendState:
         c = self.config
@@ -183,8 +188,9 @@ class OnnxBackend:
         return mixed, {**state, "tail": features}
 
     def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState
-    ) -> tuple[Array, BackendState]:
+        self, noise: Array, features: Array, condition: Array, state: BackendState,
+        emotion: Array | None = None,
+    ) -> tuple[Array, BackendState]:  # fmt: skip
         frame, window = state["frame"], self.config.window
         keys, values = state["keys"], state["values"]
         bias = np.zeros((1, 1, window + 1), np.float32)
@@ -203,6 +209,7 @@ class OnnxBackend:
                 "cos": np.cos(angles).astype(np.float32),
                 "sin": np.sin(angles).astype(np.float32),
                 "bias": bias,
+                "emotion": self.calm if emotion is None else emotion,
             },
         )
         keys, values = keys.copy(), values.copy()
@@ -224,20 +231,34 @@ def load_models(
     weights_dir: Path | str | None = None, condition: Condition = "gaze"
 ) -> tuple[AudioEncoder, Denoiser, dict]:
     """Read audio and student checkpoints of a folder -> both networks and the student's card."""
-    student = STUDENTS[condition]
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
     tensors, audio_card = load(folder / "audio", "audio")
     encoder = AudioEncoder(config_from(AudioEncoderConfig, audio_card["config"]))
     fill(encoder, tensors, folder / "audio")
-    tensors, card = load(folder / student, "student")
-    denoiser = Denoiser(config_from(DenoiserConfig, card["config"]))
-    fill(denoiser, tensors, folder / student)
+    denoiser, card = load_student(folder, condition)
     if card.get("audio_sha256", audio_card["sha256"]) != audio_card["sha256"]:
         raise InputError(
             f"checkpoint {folder / 'student'}: expected the audio encoder it was trained with, got "
             "another; run `livedrive train distill` or restore both files"
         )
     return encoder.eval(), denoiser.eval(), card
+
+
+def load_student(folder: Path, condition: Condition) -> tuple[Denoiser, dict]:
+    """The student of a folder; one that sees may hold only what it learned beyond the other."""
+    path = folder / STUDENTS[condition]
+    tensors, card = load(path, "student")
+    denoiser = Denoiser(config_from(DenoiserConfig, card["config"]))
+    if tensors.keys() < denoiser.state_dict().keys():
+        base, base_card = load(folder / STUDENTS["gaze"], "student")
+        if card.get("audio_model", {}).get("sha256") != base_card["sha256"]:
+            raise InputError(
+                f"checkpoint {path}: expected the {STUDENTS['gaze']} beside it that it was made "
+                "from, got another; run `livedrive train multimodal` or restore both files"
+            )
+        tensors = base | tensors
+    fill(denoiser, tensors, path)
+    return denoiser, card
 
 
 def fill(module: AudioEncoder | Denoiser, tensors: dict[str, Any], path: Path) -> None:
@@ -281,16 +302,19 @@ def load_driver(
     import torch
 
     from encoder.driver import Driver
+    from encoder.emotion import load_emotions
     from encoder.eye_encoder import load_eye_encoder
 
     if device == "auto":
         device = "cuda" if torch.cuda.is_available() and not backend.startswith("onnx") else "cpu"
     if device == "cuda" and not torch.cuda.is_available():
         raise InputError("device: expected a CUDA GPU, got none; use --device cpu")
-    encoder, denoiser, _ = load_models(weights_dir, condition)
+    encoder, denoiser, card = load_models(weights_dir, condition)
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
     eyes = load_eye_encoder(folder) if condition == "eyes" else None
-    return Driver(create_backend(encoder, denoiser, backend, device), denoiser, eyes)
+    emotions = load_emotions(folder, card["sha256"])
+    runner = create_backend(encoder, denoiser, backend, device)
+    return Driver(runner, denoiser, eyes, emotions=emotions)
 
 
 def choose_condition(wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool) -> Condition:

@@ -17,6 +17,7 @@ from sensors.types import (
     SAMPLE_RATE,
     SAMPLES_PER_FRAME,
     AudioPacket,
+    EmotionPacket,
     EyePacket,
     InputError,
     Packet,
@@ -56,6 +57,8 @@ class Assembler:
         )
         self._shown: list[EyePacket | None] = [None, None]
         self._next_counter: list[int | None] = [None, None]
+        self._wishes = deque[EmotionPacket](maxlen=MAX_WAITING_PICTURES)
+        self._emotion = ""
 
     @property
     def partial_samples(self) -> int:
@@ -65,6 +68,8 @@ class Assembler:
     def push(self, packet: Packet) -> None:
         if isinstance(packet, AudioPacket):
             self._push_audio(packet)
+        elif isinstance(packet, EmotionPacket):
+            self._wishes.append(packet)
         else:
             self._push_eye(packet)
 
@@ -122,8 +127,12 @@ class Assembler:
         if self._last_t_ns is not None:
             t_ns = max(t_ns, self._last_t_ns + 1)
         eyes, valid, age_ns = self._eyes_at(t_ns)
+        while self._wishes and self._wishes[0].t_ns <= t_ns:
+            self._emotion = self._wishes.popleft().words
         self._frames.append(
-            SensorFrame(self._index, t_ns, self._audio, eyes, valid, age_ns, self._gap)
+            SensorFrame(
+                self._index, t_ns, self._audio, eyes, valid, age_ns, self._gap, self._emotion
+            )
         )
         self._index += 1
         self._last_t_ns = t_ns

@@ -12,9 +12,9 @@ from sensors import session_format as fmt
 from sensors.assemble import check_audio, check_eye
 from sensors.eye_video import EYE_CODECS, EyeVideoWriter
 from sensors.repair import lock, repair
-from sensors.session_format import AudioEntry, EyeEntry
+from sensors.session_format import AudioEntry, EmotionEntry, EyeEntry
 from sensors.streams import AudioStream, EyeStream
-from sensors.types import EYE_NAMES, AudioPacket, InputError, Packet, SourceInfo
+from sensors.types import EYE_NAMES, AudioPacket, EmotionPacket, InputError, Packet, SourceInfo
 from sensors.wav import FORMATS, WavWriter
 
 
@@ -52,6 +52,8 @@ class Recording:
         """Read one packet; None if it is a picture that the video no longer holds."""
         if isinstance(entry, AudioEntry):
             return self.audio.packet(entry)
+        if isinstance(entry, EmotionEntry):
+            return EmotionPacket(entry.t_ns, entry.words)
         return self.eyes[entry.eye].packet(entry)
 
     def close(self) -> None:
@@ -115,6 +117,8 @@ class RecordingWriter:
             offset = self._wav.append(packet.samples)
             first, num = packet.first_sample, len(packet.samples)
             entry: fmt.Entry = AudioEntry(packet.t_ns, first, num, offset, packet.gap)
+        elif isinstance(packet, EmotionPacket):
+            entry = EmotionEntry(packet.t_ns, packet.words)
         else:
             check_eye(packet)
             if packet.eye not in self._eyes:

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 from sensors import session_format as fmt
 from sensors.eye_video import count_pictures
-from sensors.session_format import AudioEntry
+from sensors.session_format import AudioEntry, EyeEntry
 from sensors.types import EYE_NAMES, InputError
 from sensors.wav import repair_header
 
@@ -63,8 +63,10 @@ def _mend(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
     for entry in entries:
         if isinstance(entry, AudioEntry):
             whole = entry.offset + entry.num_samples <= num_samples
-        else:
+        elif isinstance(entry, EyeEntry):
             whole = entry.picture < pictures[entry.eye]
+        else:
+            whole = True
         if whole:
             kept.append(entry)
     part = fmt.make_private(folder / (fmt.TIMELINE_FILE + ".part"))

@@ -6,7 +6,7 @@ depend on that.
 """
 
 from sensors.recording import Recording
-from sensors.session_format import AudioEntry, end_ns
+from sensors.session_format import AudioEntry, EyeEntry, end_ns
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, Clock, Packet, SourceInfo
 
 MAX_POLL_SAMPLES = SAMPLE_RATE  # after a stall, a real-time poll hands out 1 s at most
@@ -23,7 +23,7 @@ class ReplaySource:
         self._recording = recording
         self._clock = clock
         self._realtime = realtime
-        self._entries = [e for e in recording.entries if eyes or isinstance(e, AudioEntry)]
+        self._entries = [e for e in recording.entries if eyes or not isinstance(e, EyeEntry)]
         self._first_ns = min((e.t_ns for e in self._entries), default=0)
         self._is_open = False
         self._next = 0

@@ -44,7 +44,15 @@ class EyeEntry:
     picture: int
 
 
-Entry = AudioEntry | EyeEntry
+@dataclass(frozen=True, slots=True)
+class EmotionEntry:
+    """One emotion packet; all of it is in the timeline."""
+
+    t_ns: int
+    words: str
+
+
+Entry = AudioEntry | EyeEntry | EmotionEntry
 
 
 def end_ns(entry: Entry) -> int:
@@ -125,6 +133,8 @@ def entry_line(entry: Entry) -> bytes:
             "offset": entry.offset,
             "gap": entry.gap,
         }
+    elif isinstance(entry, EmotionEntry):
+        fields = {"stream": "emotion", "t_ns": entry.t_ns, "words": entry.words}
     else:
         fields = {
             "stream": f"eye_{EYE_NAMES[entry.eye]}",
@@ -163,6 +173,8 @@ def _entry(fields: dict[str, Any]) -> Entry:
         if _whole(num) < 0 or _whole(offset) < 0:
             raise ValueError("negative count")
         return entry
+    if stream == "emotion":
+        return EmotionEntry(_whole(fields["t_ns"]), str(fields["words"]))
     eye = ("eye_left", "eye_right").index(stream)
     picture = _whole(fields["picture"])
     return EyeEntry(_whole(fields["t_ns"]), eye, _whole(fields["counter"]), picture)

@@ -44,7 +44,15 @@ class EyePacket:
     image: NDArray[np.uint8]  # [H, W] infrared, 8-bit mono
 
 
-Packet = AudioPacket | EyePacket
+@dataclass(frozen=True, eq=False)
+class EmotionPacket:
+    """From here on the face shall show this, e.g. "happy:0.7"; empty: nothing of its own."""
+
+    t_ns: int
+    words: str
+
+
+Packet = AudioPacket | EyePacket | EmotionPacket
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +66,7 @@ class SensorFrame:
     eyes_valid: NDArray[np.bool_]  # [2] picture is fresh enough to be trusted
     eyes_age_ns: NDArray[np.int64]  # [2] t_ns minus the picture's time; -1 where there is none
     audio_gap: bool  # True: some of `audio` is silence put in place of lost sound
+    emotion: str = ""  # words of the newest EmotionPacket
 
 
 @dataclass(frozen=True)

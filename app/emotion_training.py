@@ -1,0 +1,70 @@
+"""The emotion stage with what it needs of the decoder and of the capture stage (DESIGN 2)."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+    from app.train import Train
+    from encoder.training.emotion import EmotionFace
+    from encoder.training.loop import Run
+
+# region: every n-th vertex, and the weight of one
+FACE_VERTICES = {
+    "narrow_face": (24, 1.0), "upper_face": (24, 1.0), "brows": (12, 2.0), "eyelids": (10, 2.0),
+    "lips": (12, 1.0),
+}  # fmt: skip
+LIP_VERTICES = {"lips": (6, 1.0)}
+
+
+def emotion_face() -> "EmotionFace":
+    """The frozen decoder: the whole face, the lips, and the gaps between the inner lips."""
+    import torch
+
+    from app.face_mesh import face_mesh
+    from app.training import face
+    from encoder.training.emotion import EmotionFace
+    from render.decoder import Decoder
+
+    decoder = Decoder.load()
+    pairs = decoder.regions["lips"][face_mesh("ben").marks.pairs]  # [P, 2] vertices
+    rows = (pairs[..., None].astype(np.int64) * 3 + np.arange(3)).reshape(-1)
+    basis = np.asarray(decoder.basis[rows].todense(), np.float32).reshape(*pairs.shape, 3, -1)
+    moved = (basis[:, 0] - basis[:, 1]).reshape(-1, basis.shape[-1])  # [P * 3, 53]
+    to_gaps = torch.from_numpy(decoder.to_rig @ moved.T)
+
+    def gaps(codes: "Tensor") -> "Tensor":
+        flat = codes.float() @ to_gaps.to(codes.device)
+        return flat.reshape(*codes.shape[:-1], -1, 3)
+
+    return EmotionFace(face(FACE_VERTICES), face(LIP_VERTICES), gaps)
+
+
+def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) -> None:
+    """Make the streams where there are none, then train. Variants lie in a folder of the data."""
+    from app.capture_face import lips
+    from encoder.inference import STUDENTS, WEIGHTS
+    from encoder.training import emotion, emotion_streams
+
+    weights = command.out or WEIGHTS
+    start = command.start or WEIGHTS
+    made = emotion_streams.EmotionStreamConfig(
+        pack=command.data,
+        audio=start / "audio",
+        output=command.data / "emotion_streams.npz",
+        minutes=command.stream_minutes,
+        seed=command.seed,
+    )
+    if not emotion_streams.are_made(made):
+        emotion_streams.run(made, lips())
+    config = emotion.preset(
+        command.preset,
+        streams=made.output,
+        student=start / STUDENTS["gaze"],
+        output=weights if command.variant == "none" else command.data / command.variant,
+        run=run,
+        **settings,
+    )
+    emotion.run(config, emotion_face())
