@@ -18,8 +18,7 @@ from torch import Tensor, nn
 
 from sensors.types import EYE_SIZE
 
-SHRINK = 4  # the network sees means of 4 x 4 pixels
-SIDE = EYE_SIZE // SHRINK  # 100
+SIDE = EYE_SIZE // 4  # 100: the network sees means of 4 x 4 pixels
 FEATURES = 80  # an eye; e is 160
 # What the upper face does, besides gaze, as far as an eye camera can see it.
 RIG = ("eyeBlink", "eyeSquint", "eyeWide", "browDown", "browInnerUp", "browOuterUp", "cheekSquint")
@@ -56,15 +55,16 @@ class EyeOutputs(NamedTuple):
 
 
 def pixels(
-    eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
+    eyes: NDArray[np.uint8],  # [2, 400, 400] left, right; or smaller, by whole steps of 100
 ) -> NDArray[np.uint8]:  # [2, 100, 100]
     """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
-    rows = eyes.reshape(2, SIDE, SHRINK, EYE_SIZE)
+    shrink = eyes.shape[1] // SIDE
+    rows = eyes.reshape(2, SIDE, shrink, eyes.shape[2])
     tall = rows[:, :, 0].astype(np.uint16)
-    for k in range(1, SHRINK):
+    for k in range(1, shrink):
         tall += rows[:, :, k]
-    small = tall.reshape(2, SIDE, SIDE, SHRINK).sum(-1, dtype=np.uint16)
-    small = ((small + 8) >> 4).astype(np.uint8)
+    small = tall.reshape(2, SIDE, SIDE, shrink).sum(-1, dtype=np.uint16)
+    small = ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
     small[1] = small[1, :, ::-1].copy()
     return small
 

@@ -18,6 +18,7 @@ from encoder.eye_network import RIG, SIDE
 from sensors.types import InputError
 
 ARRAYS = ("pictures", "gaze", "lids", "rig", "subject")
+STRANGE = 0.5  # share of pictures under other light; the rest keep their fine detail
 NEGATIVES = 0.12  # share of pictures that are no left eye before a working camera
 KINDS_OF_NEGATIVES = 7
 
@@ -96,7 +97,7 @@ def moved(x: Tensor) -> Tensor:
     zoom = torch.exp(torch.empty(count).uniform_(-0.1, 0.1))
     close = torch.rand(count) < 0.08  # cameras made at home sit closer
     zoom = torch.where(close, zoom * torch.empty(count).uniform_(1.2, 1.7), zoom)
-    roll = torch.empty(count).uniform_(-0.06, 0.06)
+    roll = torch.empty(count).uniform_(-0.03, 0.03)  # the renderer's cameras are turned already
     cos, sin = roll.cos() / zoom, roll.sin() / zoom
     shift = torch.empty(2, count).uniform_(-0.08, 0.08)
     rows = torch.stack([cos, -sin, shift[0], sin, cos, shift[1]], 1).reshape(count, 2, 3)
@@ -148,7 +149,9 @@ def no_eyes(x: Tensor, kind: Tensor) -> Tensor:
 
 def augmented(pictures: np.ndarray) -> tuple[Tensor, Tensor]:
     """[B, 100, 100] u8 -> the network's input [B, 1, 100, 100], valid [B] bool."""
-    x = lit(moved(torch.from_numpy(pictures).float()))
+    x = moved(torch.from_numpy(pictures).float())
+    strange = torch.rand(len(x)) < STRANGE
+    x[strange] = lit(x[strange])
     valid = torch.rand(len(x)) >= NEGATIVES
     if not valid.all():
         kind = torch.randint(0, KINDS_OF_NEGATIVES, (int((~valid).sum()),))

@@ -31,8 +31,8 @@ class EyesConfig:
     run: loop.Run
     net: EyeNetConfig = PRESETS["default"]
     steps: int = 12_000
-    batch: int = 32
-    rate: float = 1.5e-3
+    batch: int = 64
+    rate: float = 2e-3
 
 
 SETTINGS: dict[str, dict[str, Any]] = {
@@ -115,7 +115,10 @@ def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
 
     Cameras sit still: what moving and lighting the pictures adds counts as a subject's constant.
     """
-    chosen = np.linspace(0, len(data.lids) - 1, min(count, len(data.lids))).astype(int)
+    people = np.unique(data.subject)
+    share = min(1.0, count / len(data.lids))
+    kept = people[np.linspace(0, len(people) - 1, max(1, int(share * len(people)))).astype(int)]
+    chosen = np.flatnonzero(np.isin(data.subject, kept))  # all that there is of some
     gaze, rig = torch.from_numpy(data.gaze[chosen]), torch.from_numpy(data.rig[chosen])
     expected = net.synthesise(gaze, rig).numpy()
     subject = data.subject[chosen]

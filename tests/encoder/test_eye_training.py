@@ -147,3 +147,6 @@ def test_spreads_are_those_of_the_features(folder: Path) -> None:
     for spread in (net.frame_spread, net.subject_spread):
         assert spread.isfinite().all() and spread.abs().max() > 0
         assert torch.allclose(spread, spread.T, atol=1e-5)
+    whole = net.frame_spread.clone()
+    eyes.fit_spreads(net, data, count=24)  # of two people all frames, not of everybody one
+    assert net.frame_spread.trace() > 0.5 * whole.trace()

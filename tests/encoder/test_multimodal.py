@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -15,9 +16,11 @@ from encoder import checkpoint
 from encoder.capture.channels import RIG_INDEX, SPEECH_COLUMNS
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.eye_tracker import FADE_FRAMES, HOLD_FRAMES
+from encoder.inference import load_student
 from encoder.training import loop, multimodal
 from encoder.training.diffusion import fold_gaze, load_denoiser
 from encoder.training.geometry import Face
+from sensors.types import InputError
 
 rng = np.random.default_rng(0)
 TO_CODE = rng.normal(0, 0.3, (53, 256)).astype(np.float32)
@@ -78,9 +81,25 @@ def test_stage_writes_a_model_of_eyes_and_resumes(folder: Path, tmp_path: Path) 
     first = config(folder, tmp_path)
     multimodal.run(first, face())
     multimodal.run(replace(first, steps=4, run=replace(first.run, resume=True)), face())
-    model, card = load_denoiser(tmp_path / "student_eyes", "student")
+    for suffix in (".json", ".safetensors"):
+        shutil.copy(folder / f"student{suffix}", tmp_path)
+    model, card = load_student(tmp_path, "eyes")
     assert model.config.condition == "eyes" and model.config.condition_dim == 160
     assert card["steps"] == 4 and "eyes_sha256" in card
+
+
+def test_only_what_was_learned_is_written(folder: Path, tmp_path: Path) -> None:
+    multimodal.run(config(folder, tmp_path), face())
+    tensors, _ = checkpoint.load(tmp_path / "student_eyes", "student")
+    base, base_card = checkpoint.load(folder / "student", "student")
+    kept = [name for name in base if name not in tensors]
+    assert "blocks.0.attention.qkv.weight" in kept and "blocks.1.up.weight" not in kept
+    checkpoint.save(tmp_path / "student", base, {**base_card, "steps": 2})  # the same tensors
+    model, _ = load_student(tmp_path, "eyes")
+    assert all(torch.equal(model.state_dict()[name], base[name]) for name in kept)
+    checkpoint.save(tmp_path / "student", {k: v + 1 for k, v in base.items()}, base_card)
+    with pytest.raises(InputError, match="train multimodal"):
+        load_student(tmp_path, "eyes")
 
 
 def test_batches_match_their_truth(folder: Path) -> None:
