@@ -85,14 +85,16 @@ def _routine(
     camera: "NearEye", wearer: "Wearer", rng: np.random.Generator
 ) -> tuple[tuple["Target", NDArray[np.uint8]], ...]:
     """The wearer looks at the targets, to half a degree, and closes the eyes."""
-    from encoder.capture.channels import RIG_INDEX, RIG_NAMES
+    from encoder.capture.channels import RIG_INDEX
+    from encoder.capture.upper_face import looking
     from encoder.eye_calibration import ROUTINE
 
     parts: list[tuple[Target, NDArray[np.uint8]]] = []
     for target in (target for target in ROUTINE if target.name != "blink"):
-        rig = np.zeros(len(RIG_NAMES), np.float32)
-        for side in "LR":
-            rig[RIG_INDEX[f"eyeBlink_{side}"]] = float(target.name == "close")
+        rig = looking(target.yaw_deg, target.pitch_deg)  # lids follow the gaze
+        if target.name == "close":
+            for side in "LR":
+                rig[RIG_INDEX[f"eyeBlink_{side}"]] = 1
         pictures: list[NDArray[np.uint8]] = []
         for _ in range(TAKE_FRAMES):
             gaze = target.direction + np.array([*rng.normal(0, 0.008, 2), 0])

@@ -39,6 +39,25 @@ def upper_face(
         rate = BLINKS_RESTING + (BLINKS_TALKING - BLINKS_RESTING) * talking
     # the small steps along a line seldom blink, its end sometimes does
     lid = _blinks(0.6 * shifts if reading else shifts, blinks * rate, rng)
+    _turn_eyes(curves, angles, lid)
+    accent = brows * _accents(level, rng)
+    for side in "LR":
+        curves[:, RIG_INDEX[f"browInnerUp_{side}"]] = np.clip(0.8 * accent, 0, 0.7)
+        curves[:, RIG_INDEX[f"browOuterUp_{side}"]] = np.clip(0.6 * accent, 0, 0.6)
+        down = curves[:, RIG_INDEX[f"browDown_{side}"]]
+        down += np.clip(0.2 * lid, 0, 0.2)  # orbicularis pulls the brow a little
+    return curves, directions(angles, fixations, num_frames)
+
+
+def looking(yaw_deg: float, pitch_deg: float) -> np.ndarray:
+    """Eyes at rest that look there: rig [53]."""
+    curves = np.zeros((1, len(RIG_NAMES)), np.float32)
+    _turn_eyes(curves, np.array([[yaw_deg, pitch_deg]]), np.zeros(1))
+    return curves[0]
+
+
+def _turn_eyes(curves: np.ndarray, angles: np.ndarray, lid: np.ndarray) -> None:
+    """Into curves: eyes that look at angles [T, 2] degrees, and their lids, shut by lid [T]."""
     yaw, pitch = angles[:, 0] / 30, angles[:, 1] / 30
     for side, outward in (("L", yaw), ("R", -yaw)):
         lids = np.clip(lid + 0.25 * np.clip(-pitch, 0, 1), 0, 1)
@@ -52,13 +71,6 @@ def upper_face(
             ("eyeSquint", 0.25 * lid),
         ):
             curves[:, RIG_INDEX[f"{name}_{side}"]] = np.clip(curve, 0, 1)
-    accent = brows * _accents(level, rng)
-    for side in "LR":
-        curves[:, RIG_INDEX[f"browInnerUp_{side}"]] = np.clip(0.8 * accent, 0, 0.7)
-        curves[:, RIG_INDEX[f"browOuterUp_{side}"]] = np.clip(0.6 * accent, 0, 0.6)
-        down = curves[:, RIG_INDEX[f"browDown_{side}"]]
-        down += np.clip(0.2 * lid, 0, 0.2)  # orbicularis pulls the brow a little
-    return curves, directions(angles, fixations, num_frames)
 
 
 def _talking(level: np.ndarray) -> np.ndarray:
