@@ -7,6 +7,7 @@ of the lips at rest, of the lids at a full blink) is part of the identity.
 """
 
 from dataclasses import dataclass, fields
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,9 +37,17 @@ class Line:
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
-        vertices[self.members, 1] += self.share * np.interp(self.place, self.columns, by).astype(
-            np.float32
-        )
+        first, share = self._between
+        low = by.take(first)
+        low += share * (by.take(first + 1) - low)
+        vertices[self.members, 1] += self.share * low
+
+    @cached_property
+    def _between(self) -> tuple[NDArray[np.intp], Floats]:
+        """The column before each member, and how far it is towards the next: 0..1."""
+        first = np.searchsorted(self.columns, self.place).clip(1, len(self.columns) - 1) - 1
+        gap = self.columns[first + 1] - self.columns[first]
+        return first, ((self.place - self.columns[first]) / gap).clip(0, 1).astype(np.float32)
 
     def part(self, vertices: Floats) -> None:
         """Undo a crossing, in place."""

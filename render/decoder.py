@@ -6,6 +6,7 @@ code -> rig -> posed mesh (`render/posing.py`); code and bias maps -> change of 
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -27,8 +28,18 @@ KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 CORNEA_MM, CORNEA_RADIUS_MM = np.array([1.11, 0.07, 8.68], np.float32), 9.0  # from the eye's centre
 HIGHLIGHT_MM, HIGHLIGHT_OPACITY = 0.5, 0.85
+ROUND = np.array([1, 1, surfaces.FLATNESS], np.float32)  # flat, round in its plane
 MOUTH_OPENS_MM = 0.4  # gap of the lips at which the inside of the mouth is drawn in full
 Floats = NDArray[np.float32]
+
+
+class Known(NamedTuple):
+    """What follows from an identity alone."""
+
+    light: Floats  # [2, texels] of the light decoder at rest
+    still: Still
+    reflected: Floats  # [N, 3] linear albedo
+    opacities: Floats  # [N]
 
 
 @dataclass(frozen=True)
@@ -45,7 +56,7 @@ class Decoder:
     interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
-    _known: "WeakKeyDictionary[Identity, tuple[Floats, Still]]"
+    _known: "WeakKeyDictionary[Identity, Known]"
 
     @classmethod
     def load(cls, folder: Path = weights_file.FOLDER) -> "Decoder":
@@ -99,9 +110,8 @@ class Decoder:
 
     def seen(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [2, U]
         """Shares of the sky and of the key light that reach each used vertex."""
-        at_rest, _ = self._follows(identity)
         code = self.coding.normalised(expression.astype(np.float32))
-        change = self.light(code, identity.biases).T - at_rest
+        change = self.light(code, identity.biases).T - self._follows(identity).light
         out = np.stack([self.read @ change[0], self.read @ change[1]])
         out += identity.seen
         return np.clip(out, 0, 1, out=out)
@@ -114,23 +124,20 @@ class Decoder:
     ) -> tuple[Mesh, Gaussians]:
         """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, highlights and hair."""
         vertices = self.vertices(expression, gaze, identity)
-        _, still = self._follows(identity)
-        seen = self.seen(expression, identity)
-        rows, widths = self.surface.place(vertices, seen, still)
-        count, hair = len(widths), identity.hair
+        known = self._follows(identity)
+        placed = self.surface.place(vertices, self.seen(expression, identity), known.still)
+        count, hair = len(placed.widths), identity.hair
         total = count + 2 + len(hair)
         means, quats = np.empty((total, 3), np.float32), np.empty((total, 4), np.float32)
         scales, opacities = np.empty((total, 3), np.float32), np.empty(total, np.float32)
         colors = np.empty((total, 3), np.float32)
 
-        means[:count] = rows[:3].T
-        quats[:count] = surfaces.facing(rows[3:6])
-        scales[:count] = widths[:, None]
-        scales[:count, 2] *= surfaces.FLATNESS
-        opacities[:count] = self.opacities * identity.shown
+        means[:count], quats[:count] = placed.means, placed.quats
+        np.multiply(placed.widths[:, None], ROUND, out=scales[:count])
+        opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
         opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
-        colors[:count] = surfaces.colors(identity.albedo, rows[6:9], rows[9])
+        colors[:count] = surfaces.colors(known.reflected, placed.light)
 
         shine = slice(count, count + 2)
         for eye, side in enumerate((1, -1)):
@@ -144,14 +151,15 @@ class Decoder:
         opacities[rest], colors[rest] = hair.opacities, hair.colors
         return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
 
-    def _follows(self, identity: Identity) -> tuple[Floats, Still]:
-        """What follows from an identity alone: the light map and the surface at rest."""
+    def _follows(self, identity: Identity) -> Known:
         known = self._known.get(identity)
         if known is None:
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
-            known = (
+            known = Known(
                 self.light(neutral, identity.biases).T,
                 self.surface.still(identity.geometry),
+                identity.albedo * identity.albedo,
+                self.opacities * identity.shown,
             )
             self._known[identity] = known
         return known

@@ -5,10 +5,11 @@ shut, lips that meet and never cross (`render/contact.py`).
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csc_array, csr_array
 
 from render.contact import Line, eye_radius, lid_reach, lift_lids
 
@@ -60,7 +61,7 @@ class Posing:
         shut = np.zeros((2, len(self.lid_lines[0].columns)), np.float32)
         draft = Rest(geometry, centers, (reach[0], reach[1]), shut)
         for _ in range(4):
-            posed = self._blendshapes(self._full_blink(), draft)
+            posed = self._blendshapes(self.full_blink(), draft)
             for eye, line in enumerate(self.lid_lines):
                 shut[eye] += TOUCH_MM - line.gaps(posed)
         return draft
@@ -80,14 +81,19 @@ class Posing:
         return vertices
 
     def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
-        vertices = rest.geometry + (self.basis @ rig).reshape(-1, 3)
+        vertices = rest.geometry + (self._columns @ rig).reshape(-1, 3)
         for eye in range(2):
             blink = min(max(float(rig[self.blinks[eye]]), 0.0), 1.0)
             self.lid_lines[eye].open(vertices, blink * rest.shut[eye])
             lift_lids(vertices, self.lids[eye], rest.reach[eye], rest.eye_centers[eye])
         return vertices
 
-    def _full_blink(self) -> Floats:
+    @cached_property
+    def _columns(self) -> csc_array:
+        return csc_array(self.basis)  # multiplies a vector twice as fast as rows do
+
+    def full_blink(self) -> Floats:  # [R]
+        """Activations that shut both eyes."""
         _, count = self.basis.shape  # pyright: ignore[reportGeneralTypeIssues] (stub: may be None)
         rig = np.zeros(count, np.float32)
         rig[list(self.blinks)] = 1

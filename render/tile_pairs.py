@@ -43,7 +43,7 @@ def sort_by_tile(
     else:
         whole = np.flatnonzero(rows[:, 0] == WHOLE)
         rows[whole] = 0
-        spans = np.flatnonzero(rows)
+        spans = np.flatnonzero(rows != 0)
         owner, row = spans >> 3, (spans & 7).astype(dtype)
         span = rows.ravel().take(spans)
         starts = first.take(owner) + row * step_y + (span >> 4) * step_x

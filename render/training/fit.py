@@ -51,8 +51,8 @@ class View:
     """One reference picture and everything needed to draw it with Gaussians."""
 
     camera: Camera
-    rows: Floats  # [N, 10] see Surface.attributes
-    widths: Floats  # [N] stretch of the widths
+    placed: surface.Placed
+    stretch: Floats  # [N] of the widths
     picture: Floats  # [H, W, 3] 0..1
 
 
@@ -116,9 +116,9 @@ class Studio:
         )
         still = self.surface.still(vertices, lights)
         light_seen = seen[self.surface.used].T.copy()
-        rows, widths = self.surface.place(vertices, light_seen, still, lights)
-        stretch = widths / self.surface.scales
-        return View(camera, rows.T.copy(), stretch, picture.astype(np.float32) / np.float32(255))
+        placed = self.surface.place(vertices, light_seen, still, lights)
+        stretch = placed.widths / self.surface.scales
+        return View(camera, placed, stretch, picture.astype(np.float32) / np.float32(255))
 
 
 def crop(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -135,12 +135,12 @@ def crop(camera: Camera, rng: np.random.Generator) -> Camera:
 def draw(view: View, levels: Floats, widths: Tensor, opacities: Tensor, mixing: Tensor):
     """The view's Gaussians as a picture [H, W, 3] and the number of pairs."""
     albedo = torch.einsum("nl,nlc->nc", mixing, torch.from_numpy(levels)).clamp(0, 1)
-    light, shine = torch.from_numpy(view.rows[:, 6:9]), torch.from_numpy(view.rows[:, 9:])
-    colors = torch.sqrt((albedo * albedo * light + shine).clamp(1e-6, 1))
-    normals = view.rows[:, 3:6]
+    light = torch.from_numpy(view.placed.light)
+    colors = torch.sqrt((albedo * albedo * light[:, :3] + light[:, 3:]).clamp(1e-6, 1))
+    normals = surface.faced(view.placed.quats)
     normals = normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9)
-    flat = splatter.project(view.rows[:, :3], normals, float(surface.FLATNESS), view.camera)
-    stretched = widths * torch.from_numpy(view.widths)
+    flat = splatter.project(view.placed.means, normals, float(surface.FLATNESS), view.camera)
+    stretched = widths * torch.from_numpy(view.stretch)
     return splatter.draw(flat, stretched, opacities, colors, view.camera)
 
 
