@@ -13,7 +13,7 @@ class Controls:
     """The present wishes. Counters mark requests: a request is new when its counter has grown."""
 
     avatar: str  # who is driven
-    emotion: str | None = None  # None: as the encoder hears it
+    emotion: str | None = None  # words like "happy:0.7"; None: none picked here
     muted: bool = False  # the microphone is heard as silence, also by a recording
     recording: bool = False
     recentred: int = 0  # how often "this is straight ahead" was asked for

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.controls import ControlPanel, Controls, hushed
+from app.emotion import EmotionControl
 from app.sinks.sink import FrameResult, RunInfo, Sink
 from app.stages import Stages
 from encoder.driver import DrivenFrame, Driver
@@ -58,10 +59,12 @@ def drive(
     seed: int,
     realtime: bool,
     panel: ControlPanel | None = None,
+    emotions: EmotionControl | None = None,
     record: Callable[[Packet], None] | None = None,  # sees what the driver gets, before assembly
 ) -> Summary:
     """Run until the source is exhausted, the panel is closed or Ctrl-C; sinks are closed anyway."""
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
+    emotions = emotions or EmotionControl()
     wishes = Controls(avatar="")  # as they were fulfilled
     with _running(source, sinks, info):
         start_ns = clock.now_ns()
@@ -83,7 +86,7 @@ def drive(
                 wishes = now
             with stages("tick"):
                 with stages("assemble"):
-                    for packet in source.poll():
+                    for packet in emotions.led(source.poll(), wishes.emotion):
                         heard = hushed(packet) if wishes.muted else packet
                         if record:
                             record(heard)

@@ -13,6 +13,7 @@ from app.network import NetworkOptions, network_report
 from sensors.types import FPS, Clock, InputError, Source
 
 if TYPE_CHECKING:
+    from app.emotion import EmotionControl
     from app.sinks.sink import Sink
     from app.stages import Stages
     from app.tape import Tape
@@ -53,6 +54,11 @@ class DriveOptions(NetworkOptions):
     """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
     """Who is driven; see: livedrive avatar list."""
+    emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
+    """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
+    A replay shows what was recorded unless this is given."""
+    listen: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
+    """UDP port on this machine for OSC messages /livedrive/emotion happy:0.7."""
     condition: Literal["auto", "gaze", "eyes"] = "auto"
     """What drives the upper face: synthesised gaze, or the eye cameras; auto: whatever there is."""
     size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
@@ -77,7 +83,18 @@ class DriveOptions(NetworkOptions):
             )
         from encoder.inference import choose_condition, load_driver
 
-        return load_driver(device=self.device, condition=choose_condition(self.condition, has_eyes))
+        condition = choose_condition(self.condition, has_eyes)
+        driver = load_driver(device=self.device, condition=condition)
+        driver.check_emotion(self.emotion or "")
+        return driver
+
+    def _emotion_control(self, driver: "Driver") -> "EmotionControl":
+        from app.emotion import EmotionControl, OscPort
+
+        port = None
+        if self.listen is not None:
+            port = OscPort("127.0.0.1", self.listen, driver.check_emotion)
+        return EmotionControl(self.emotion, port)
 
     def drive(
         self,
@@ -104,13 +121,14 @@ class DriveOptions(NetworkOptions):
         from render.renderer import create_renderer
 
         who, decoder = identity.load(self.avatar), Decoder.load()
-        stages = Stages()
+        stages, emotions = Stages(), self._emotion_control(driver)
         page = page or self.open_web(clock, self.avatar)
         network = self.network_sinks(clock, decoder, self.avatar, page)
         sinks = [*self._sinks(decoder, who), *more_sinks, *network]
         window = None
         if self.window:
-            window = self._open_window(clock, stages, title, live, frames, tape)
+            labels = driver.emotions.labels if driver.emotions else ()
+            window = self._open_window(clock, stages, title, live, frames, tape, labels)
             sinks.append(window)
         draw = draw or bool(self.video or self.pictures or self.virtual_camera)
         renderer = create_renderer() if draw else None
@@ -122,9 +140,11 @@ class DriveOptions(NetworkOptions):
             summary = drive(
                 *(source, driver, head, sinks, clock, stages, info, self.seed, realtime),
                 panel=window,
+                emotions=emotions,
                 record=tape.append if tape else None,
             )
         finally:
+            emotions.close()
             if renderer:
                 renderer.close()
         return {
@@ -139,6 +159,7 @@ class DriveOptions(NetworkOptions):
             "condition": driver.config.condition,
             "checkpoint": STUDENTS[driver.config.condition],
             "avatar": self.avatar,
+            "emotion": self.emotion or "",
             "stages": stages.summary(),
             **network_report(network),
         }
@@ -166,6 +187,7 @@ class DriveOptions(NetworkOptions):
         live: bool,
         frames: int | None,
         tape: "Tape | None",
+        emotions: tuple[str, ...],
     ) -> "WindowSink":
         from app.window.shared import WindowInfo
         from app.window.sink import WindowSink
@@ -175,6 +197,8 @@ class DriveOptions(NetworkOptions):
             title=title,
             avatar=self.avatar,
             avatars=tuple(identity.names()),
+            emotions=emotions,
+            emotion=self.emotion or "",
             can_record=tape is not None,
             live=live,
             frames=frames,

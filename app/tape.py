@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from app.controls import Controls
-from sensors.types import Packet
+from sensors.types import EmotionPacket, Packet
 
 
 class Recorder(Protocol):
@@ -27,6 +27,7 @@ class Tape:
         self._stem, self._record_to = first or Path("session"), record_to
         self._recorder: Recorder | None = None
         self._closing: list[threading.Thread] = []
+        self._emotion, self._begun = "", False  # what a session that starts now must know
         self.sessions: list[Path] = []
         self.problem = ""  # of the newest session that had one
         self.wanted = first is not None
@@ -40,7 +41,12 @@ class Tape:
 
     def append(self, packet: Packet) -> None:
         """Take a packet, or let it pass while the tape is off."""
+        if isinstance(packet, EmotionPacket):
+            self._emotion = packet.words
         if self._recorder is not None:
+            if self._emotion and not self._begun and not isinstance(packet, EmotionPacket):
+                self._recorder.append(EmotionPacket(packet.t_ns, self._emotion))
+            self._begun = True
             self._recorder.append(packet)
 
     def obey(self, wanted: Controls) -> None:
@@ -60,7 +66,7 @@ class Tape:
             thread.join()
 
     def _start(self, folder: Path) -> None:
-        self._recorder = self._record_to(folder)
+        self._recorder, self._begun = self._record_to(folder), False
         self.sessions.append(folder)
 
     def _stop(self) -> None:

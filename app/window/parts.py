@@ -78,6 +78,13 @@ def pick(label: str, chosen: str, names: tuple[str, ...], width: float) -> str:
     return chosen
 
 
+def slider(label: str, value: float) -> float:
+    """A slider over the full width, 0..1, with a percentage."""
+    imgui.set_next_item_width(imgui.get_content_region_avail().x)
+    _, percent = imgui.slider_float(f"##{label}", 100 * value, 0, 100, f"{label} %.0f%%")
+    return min(max(percent / 100, 0.0), 1.0)
+
+
 def switch(label: str, on: bool) -> bool:
     """A label with a switch at the right edge; returns its state after this picture."""
     scale = imgui.get_style().font_scale_dpi

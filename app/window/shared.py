@@ -44,6 +44,7 @@ WISHES = np.dtype(
         ("recording", "?"),
         ("avatar", "<i8"),  # index into WindowInfo.avatars
         ("emotion", "<i8"),  # index into WindowInfo.emotions; -1: none
+        ("intensity", "<f4"),  # of the emotion, 0..1
         ("recentred", "<i8"),
         ("resets", "<i8"),
         ("frames", "<i8"),  # pictures shown so far
@@ -62,6 +63,7 @@ class WindowInfo:
     avatar: str
     avatars: tuple[str, ...]
     emotions: tuple[str, ...] = ()  # empty: the encoder offers none
+    emotion: str = ""  # words of the command line
     can_record: bool = False
     live: bool = False  # a microphone can be muted
     frames: int | None = None  # how many will come, where that is known
@@ -88,6 +90,7 @@ class SharedMemory:
         """No tick, no wish: what a new window finds."""
         self._ring["number"] = -1
         self.wishes["emotion"] = self.wishes["shown"] = -1
+        self.wishes["intensity"] = 1
 
     def post(self, **fields: object) -> None:
         """Write the next tick over the oldest one; takes as long as copying 320 kB."""

@@ -52,6 +52,8 @@ def _who(state: State, fonts: theme.Fonts) -> None:
         names = (AUTOMATIC, *info.emotions)
         chosen = parts.pick("emotion", names[int(wishes["emotion"]) + 1], names, width)
         wishes["emotion"] = names.index(chosen) - 1
+        if wishes["emotion"] >= 0:
+            wishes["intensity"] = parts.slider("intensity", float(wishes["intensity"]))
 
 
 def _sound(state: State, fonts: theme.Fonts) -> None:

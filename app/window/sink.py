@@ -39,6 +39,10 @@ class WindowSink:
         self._memory = SharedMemory()
         self._memory.clear()
         self._memory.wishes["avatar"] = info.avatars.index(info.avatar)
+        name, _, intensity = info.emotion.partition(":")
+        if name in info.emotions:
+            self._memory.wishes["emotion"] = info.emotions.index(name)
+            self._memory.wishes["intensity"] = float(intensity or 1)
         self._memory.wishes["recording"] = tape is not None and tape.wanted
         descriptor = self._memory.descriptor
         self._process = subprocess.Popen(
@@ -88,10 +92,12 @@ class WindowSink:
             print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
         if self._tape is not None and self._tape.failed:
             wishes["recording"] = False  # the button shows it
-        emotion = int(wishes["emotion"])
+        emotion = info.emotions[int(wishes["emotion"])] if wishes["emotion"] >= 0 else None
+        if emotion and wishes["intensity"] < 1:
+            emotion += f":{wishes['intensity']:.2f}"
         wanted = Controls(
             avatar=info.avatars[int(wishes["avatar"])],
-            emotion=info.emotions[emotion] if emotion >= 0 else None,
+            emotion=emotion,
             muted=bool(wishes["muted"]),
             recording=bool(wishes["recording"]),
             recentred=int(wishes["recentred"]),

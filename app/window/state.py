@@ -54,6 +54,17 @@ class State:
         place = names.index(self.background) + 1 if self.background in names else 0
         self.background = names[place % len(names)]
 
+    def next_emotion(self) -> None:
+        """The next of the list; after the last one none."""
+        count, now = len(self.info.emotions), int(self.wishes["emotion"])
+        self.wishes["emotion"] = now + 1 if now + 1 < count else -1
+        if count:
+            now = int(self.wishes["emotion"])
+            self.say(f"Emotion: {self.info.emotions[now] if now >= 0 else 'none of its own'}")
+
+    def more_emotion(self, step: float) -> None:
+        self.wishes["intensity"] = min(max(float(self.wishes["intensity"]) + step, 0.0), 1.0)
+
     def say(self, text: str) -> None:
         """A line that shows for a moment."""
         self.toast, self.toast_left_s = text, TOAST_S

@@ -101,6 +101,10 @@ class Window:
             self._save_picture()
         elif name == "background":
             state.next_background()
+        elif name == "emotion":
+            state.next_emotion()
+        elif name in ("less", "more"):
+            state.more_emotion(0.1 if name == "more" else -0.1)
         elif name == "smooth":
             state.motion.smooth = not state.motion.smooth
             state.say("Smooth motion " + ("on" if state.motion.smooth else "off"))

@@ -1,0 +1,175 @@
+"""The emotion stage: what its losses ask for, its streams, two steps and a resume to four."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from test_driver import models
+
+from encoder import checkpoint
+from encoder.audio_encoder import PRESETS as AUDIO
+from encoder.audio_encoder import AudioEncoder
+from encoder.capture import dataset
+from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
+from encoder.capture.contacts import SLOPE_MM, LipGeometry
+from encoder.capture.emotion import EMOTIONS, LABELS
+from encoder.emotion import load_emotions
+from encoder.training import emotion, emotion_streams, loop
+from encoder.training.diffusion import load_denoiser
+from encoder.training.emotion import EmotionFace
+from encoder.training.geometry import Face
+from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+
+BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
+TO_RIG = torch.tensor(BASIS.T)
+
+
+def face(channels: list[int]) -> Face:
+    """Each vertex is moved by one channel, 10 mm a unit."""
+    pick = torch.zeros(53, len(channels), 3)
+    for vertex, channel in enumerate(channels):
+        pick[channel, vertex, 1] = 10.0
+    return Face(
+        lambda rig: (rig @ BASIS).astype(np.float32),
+        lambda codes: torch.einsum("...c,cvk->...vk", codes @ TO_RIG, pick),
+        torch.ones(len(channels)),
+    )
+
+
+SMILE = RIG_INDEX["mouthSmile_L"]
+LIPS = face([JAW_OPEN, SMILE])
+FACE = EmotionFace(face(list(range(53))), LIPS, lambda codes: LIPS.vertices(codes)[..., :1, :])
+
+
+def lip_geometry() -> LipGeometry:
+    """A mouth that jawOpen opens by 29 mm and mouthClose closes; one vertex on each lip."""
+    basis = np.zeros((2, len(RIG_NAMES)), np.float32)
+    basis[1, JAW_OPEN], basis[1, MOUTH_CLOSE] = -29.0, SLOPE_MM
+    one = [np.array([0])], [np.array([1])]
+    return LipGeometry(np.zeros((1, 2), np.float32), basis, *one, np.arange(2))
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A neutral and an acted clip of tones, an audio encoder and a student."""
+    folder, clips = tmp_path_factory.mktemp("emotions"), []
+    for label in ("neutral", "happy"):
+        sound = 0.1 * np.sin(np.arange(90 * 1600) * 0.05)
+        rig = np.zeros((90, len(RIG_NAMES)))
+        rig[:, JAW_OPEN] = 0.2 + 0.2 * np.sin(np.arange(90))
+        rig[:, SMILE] = 0.5 * (label == "happy")
+        truth = "rules" if label == "neutral" else "emotional"
+        gaze = np.tile([0.0, 0.0, 1.0], (90, 2, 1))
+        labels = {"truth": truth, "voice": label, "emotion": label}
+        clips.append(dataset.make_clip(sound, rig, gaze, np.zeros(90), **labels))
+    shard = dataset.write_shard(folder / "subject", clips)
+    dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
+    encoder, student = AudioEncoder(AUDIO["debug"]), models()[1]
+    cards = ({"kind": "audio", "config": vars(encoder.config)},
+             {"kind": "student", "config": vars(student.config)})  # fmt: skip
+    checkpoint.save(folder / "audio", encoder.state_dict(), cards[0])
+    checkpoint.save(folder / "student", student.state_dict(), cards[1])
+    made = emotion_streams.EmotionStreamConfig(
+        pack=folder, audio=folder / "audio", output=folder / "streams.npz",
+        minutes=0.2, stream_frames=60, versions=3,
+    )  # fmt: skip
+    assert not emotion_streams.are_made(made)
+    emotion_streams.run(made, lip_geometry())
+    assert emotion_streams.are_made(made) and not emotion_streams.are_made(replace(made, seed=1))
+    return folder
+
+
+def test_streams_hold_acted_takes_and_emotions_laid_over_neutral_ones(pack: Path) -> None:
+    streams = emotion_streams.EmotionStreams.load(pack / "streams.npz")
+    assert streams.rig.shape[1:] == (3, 60, 53) and streams.mixture.shape[1:] == (3, len(LABELS))
+    acted = (streams.rig[:, 0] == streams.rig[:, 1]).all((1, 2))
+    happy = LABELS.index("happy")
+    for row in streams.mixture[acted]:
+        assert np.allclose(row[:, happy], 0.9) and np.allclose(row.sum(1), 0.9)
+    assert not acted.all()
+    for rig, mixture in zip(streams.rig[~acted], streams.mixture[~acted], strict=True):
+        assert (np.count_nonzero(mixture, axis=1) == 1).all()
+        for curves, label in zip(rig, mixture.argmax(1), strict=True):
+            named = next(iter(EMOTIONS[LABELS[label]].channels))
+            channel = RIG_INDEX.get(named, RIG_INDEX.get(f"{named}_L", 0))
+            assert curves[:, channel].max() > 0.04
+    codes, audio, gaze, mixture = streams.draw(4, 20, FACE.whole, np.random.default_rng(0))
+    assert codes.shape == (4, 20, 256) and audio.shape == (4, 20, 512)
+    assert gaze.shape == (4, 20, 6) and mixture.shape == (4, len(LABELS))
+
+
+@pytest.mark.parametrize("label", LABELS)
+def test_an_emotion_laid_over_shut_lips_leaves_them_shut(label: str) -> None:
+    lips, rig = lip_geometry(), np.zeros((40, 53), np.float32)
+    rig[:, JAW_OPEN] = 0.3
+    rig[10:20, MOUTH_CLOSE] = 0.3 * 29 / SLOPE_MM
+    assert lips.gap_mm(rig)[10:20].max() < 0.01 < 8 < lips.gap_mm(rig)[:10].min()
+    made = emotion_streams.felt(rig, label, 1.0, lips, np.random.default_rng(0))
+    assert lips.gap_mm(made)[10:20].max() < 0.1
+    assert lips.gap_mm(made)[:10].min() > 4
+
+
+def test_the_losses_ask_for_the_face_and_for_the_neutral_lips() -> None:
+    rig = np.zeros((1, 20, 53), np.float32)
+    rig[..., JAW_OPEN] = 0.2 + 0.2 * np.sin(np.arange(20))
+    neutral = torch.tensor(rig @ BASIS)
+    smiling, opened, frozen = rig.copy(), rig.copy(), rig.copy()
+    smiling[..., SMILE] += 0.5
+    opened[..., JAW_OPEN] += 0.1
+    frozen[..., JAW_OPEN] = 0.2
+    codes = {name: torch.tensor(x @ BASIS) for name, x in
+             (("smiling", smiling), ("opened", opened), ("frozen", frozen))}  # fmt: skip
+    assert (
+        emotion.lip_loss(codes["smiling"], neutral, FACE) < 1e-8
+    )  # a smile is not of its business
+    assert emotion.lip_loss(codes["opened"], neutral, FACE) > 0.9  # 1 mm
+    assert emotion.lip_loss(codes["frozen"], neutral, FACE) > 0.5
+    whole = FACE.whole
+    truth, guess = whole.vertices(codes["smiling"]), whole.vertices(neutral)
+    assert emotion.face_loss(truth, truth, whole.weights) == 0
+    assert emotion.face_loss(guess, truth, whole.weights) == pytest.approx(25 / 53, rel=1e-3)
+
+
+def test_only_the_zero_convolutions_learn() -> None:
+    _, student = models()
+    student.requires_grad_(False)
+    zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS))
+    optimizer, curve = torch.optim.AdamW(zero.parameters(), 3e-3), []
+    rig = np.zeros((2, 12, 53), np.float32)
+    rig[..., SMILE] = 1.0
+    codes = torch.tensor(rig @ BASIS * 3)
+    batch = (codes, torch.randn(2, 12, 512), torch.randn(2, 12, 6), torch.eye(len(LABELS))[:2])
+    for _ in range(60):
+        torch.manual_seed(0)  # the same noise: one batch must be learned
+        result = emotion.losses(student, zero, student, batch, FACE, 0.0)
+        optimizer.zero_grad()
+        result["total"].backward()
+        optimizer.step()
+        curve.append(float(result["face"].detach()))
+    assert curve[-1] < 0.7 * curve[0]
+
+
+@pytest.mark.parametrize("fine_tune", [False, True])
+def test_it_trains_and_resumes(pack: Path, tmp_path: Path, fine_tune: bool) -> None:
+    settings = {"streams": pack / "streams.npz", "student": pack / "student", "output": tmp_path}
+    run = loop.Run(state=tmp_path / "state")
+    config = emotion.preset("debug", run=run, fine_tune=fine_tune, **settings)
+    emotion.run(config, FACE)
+    emotion.run(replace(config, steps=4, run=replace(run, resume=True)), FACE)
+    student = tmp_path / "student" if fine_tune else pack / "student"
+    _, card = load_denoiser(student, "student")
+    felt = load_emotions(tmp_path, card["sha256"])
+    assert felt is not None and felt.labels == LABELS and np.abs(felt.table).max() > 0
+    _, card = checkpoint.load(tmp_path / "emotion", "emotion")
+    assert card["steps"] == 4 and card["metrics"]["face"] > 0
+    assert ("lip" in card["metrics"]) != fine_tune
+    frozen, tuned = (
+        load_denoiser(pack / "student", "student")[0],
+        load_denoiser(student, "student")[0],
+    )
+    same = torch.equal(frozen.blocks[0].up.weight, tuned.blocks[0].up.weight)
+    assert same != fine_tune
