@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from render import kernels, weights_file
 from render import surface as surfaces
-from render import weights_file
 from render.coding import EXPRESSION_DIM, Coding
 from render.identity import Identity
 from render.light_decoder import LightNet
@@ -137,7 +137,7 @@ class Decoder:
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
         opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
-        colors[:count] = surfaces.colors(known.reflected, placed.light)
+        kernels.paint(known.reflected, placed.light, colors[:count])
 
         shine = slice(count, count + 2)
         for eye, side in enumerate((1, -1)):

@@ -76,10 +76,7 @@ class Judge:
     ) -> NDArray[np.uint8]:
         surface, around = self.decoder.surface, self.decoder.surface.face
         colors = self.assembly.colors.copy()
-        sums, rest_sums = (
-            around.gather @ around.normals(np.ascontiguousarray(v.T))[1]
-            for v in (vertices, who.rest.geometry)
-        )
+        sums, rest_sums = (around.normals(v)[1] for v in (vertices, who.rest.geometry))
         colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums)).T
         self._dress(who)
         return self._mesh.draw(vertices, self.assembly.normals(vertices), colors, light, camera)

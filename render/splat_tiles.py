@@ -1,8 +1,8 @@
-"""Splat renderer for software GL: two compute passes with a numpy sort between them.
+"""Splat renderer for software GL: two compute passes and the CPU between them.
 
-The Gaussians are projected (`render/projector.py`), numpy sorts pairs of tiles and the splats whose
-ellipses reach them (`render/tile_pairs.py`), and every tile is blended by itself, front to back, in
-float32 (shaders/tiles.comp.glsl).
+The Gaussians are projected (`render/projector.py`), dealt to the tiles that their ellipses reach
+(`render/tile_pairs.py`), and every tile is blended by itself, front to back, in float32
+(shaders/tiles.comp.glsl).
 """
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from render.contexts import GLContext
 from render.projector import TILE_PX, U32, Projector
 from render.storage import GrowingBuffer, splat_shader
-from render.tile_pairs import sort_by_tile
+from render.tile_pairs import deal
 from render.types import Camera, Gaussians
 
 LANES = 8  # tiles of a work group
@@ -53,7 +53,7 @@ class TileRenderer:
         order = self._projector.run(gaussians, camera)
         across, down = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         boxes = self._projector.boxes.take(order, 0)
-        pairs = sort_by_tile(boxes[:, :2], (across, down), boxes[:, 2:].copy().view(np.uint8))
+        pairs = deal(boxes, (across, down), boxes.view(np.uint8)[:, 8:])
         self._clear(camera)
         work = np.diff(pairs.starts)
         if len(self._needed) == len(work):  # the last picture tells where a list is cut short
@@ -70,7 +70,6 @@ class TileRenderer:
         for binding, buffer in enumerate(buffers):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
-        self._program["rank_mask"] = pairs.mask
         self._program["background"] = camera.background
         self._program["tiles_across"] = across
         self._program.run(len(lanes) // LANES)

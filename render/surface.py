@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render import lighting
+from render import kernels, lighting
 from render.lighting import STUDIO, Lighting
 
 Floats = NDArray[np.float32]
@@ -31,29 +31,19 @@ STRETCH = (0.6, 1.5)  # how far the width follows the triangle
 class Around:
     """Triangles around some vertices."""
 
-    corners: Ints  # [3, F] rows of the mesh's vertices
-    gather: csr_array  # [n, F] adds what the triangles hold around each vertex
+    corners: Ints  # [F, 3] rows of the mesh's vertices
+    rows: Ints  # [F, 3] which of the n vertices each corner is, or -1
+    count: int  # n
 
-    def normals(self, x: Floats) -> tuple[Floats, Floats]:  # [3, V] -> [3, n] unit, [F] mm^2
-        """Of the vertices; and twice the areas of the triangles."""
-        a, b, c = (
-            np.stack([x[k].take(corner, mode="clip") for k in range(3)]) for corner in self.corners
-        )
-        b -= a
-        c -= a
-        flat, work = a, np.empty_like(a[0])
-        for k in range(3):
-            i, j = (k + 1) % 3, (k + 2) % 3
-            np.multiply(b[i], c[j], out=flat[k])
-            np.multiply(b[j], c[i], out=work)
-            flat[k] -= work
-        areas = flat[0] * flat[0]
-        areas += flat[1] * flat[1]
-        areas += flat[2] * flat[2]
-        np.sqrt(areas, out=areas)
-        out = np.stack([self.gather @ flat[k] for k in range(3)])
-        out /= np.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + np.float32(1e-12))
-        return out, areas
+    def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
+        """[V, 3] mm -> unit normals [3, n], twice the areas around each vertex [n] and of each
+        triangle [F], mm^2."""
+        out, sums = np.empty((self.count, 3), np.float32), np.empty(self.count, np.float32)
+        areas = np.empty(len(self.corners), np.float32)
+        kernels.around_vertices(vertices, self.corners, self.rows, out, sums, areas)
+        normals = np.ascontiguousarray(out.T)
+        normals /= np.sqrt(np.einsum("kn,kn->n", normals, normals) + np.float32(1e-12))
+        return normals, sums, areas
 
 
 class Placed(NamedTuple):
@@ -96,14 +86,13 @@ class Surface:
 
     def still(self, vertices: Floats, lights: Lighting = STUDIO) -> Still:  # [V, 3] mm
         """Prepare a person; vertices are those of the face at rest."""
-        x = np.ascontiguousarray(vertices.T)
-        normals, areas = self.whole.normals(x)
+        normals, _, areas = self.whole.normals(vertices)
         soft, gloss = lighting.shine(normals)
         return Still(
             facing(normals),
             *lights.parts(normals),
             self.shine[0] * soft + self.shine[1] * gloss,
-            self.face.gather @ self.face.normals(x)[1],
+            self.face.normals(vertices)[1],
             self.scales * _stretch(areas.take(self.triangle), self.rest_areas),
         )
 
@@ -115,13 +104,13 @@ class Surface:
         lights: Lighting = STUDIO,
     ) -> Placed:
         """The anchored Gaussians of a posed face."""
-        live, x = self.live, np.ascontiguousarray(vertices.T)
-        normals, areas = self.face.normals(x)
+        live = self.live
+        normals, sums, areas = self.face.normals(vertices)
         quats = still.quats.copy()
         quats[live] = facing(normals)
 
         sky, lamp = lights.parts(normals)
-        flushed = self.flush(self.face.gather @ areas, still.sums)
+        flushed = self.flush(sums, still.sums)
         sky *= flushed
         lamp *= flushed
         soft, gloss = lighting.shine(normals)
@@ -132,9 +121,18 @@ class Surface:
         widths = still.widths.copy()
         rest_areas, scales = self._live_rest
         widths[self.live_anchors] = scales * _stretch(areas.take(self.live_triangle), rest_areas)
-        # Products with 4 columns run at twice the speed of one with all 11.
-        means = self.interpolate @ vertices.take(self.used, 0)
-        return Placed(means, self.interpolate @ quats, self.interpolate @ light, widths)
+        means, *others = (np.empty((len(widths), k), np.float32) for k in (3, 4, 4))
+        placed = Placed(means, others[0], others[1], widths)
+        corners, rows, weights = self._anchors
+        kernels.ride(vertices, quats, light, corners, rows, weights, *placed[:3])
+        return placed
+
+    @cached_property
+    def _anchors(self) -> tuple[Ints, Ints, Floats]:  # [N, 3] each
+        """Vertices around the anchors, their rows of `used`, and their shares."""
+        rows = self.interpolate.indices.reshape(-1, 3).astype(np.int32)
+        weights = self.interpolate.data.reshape(-1, 3).astype(np.float32)
+        return self.used[rows], rows, weights
 
     @cached_property
     def _live_shine(self) -> Floats:  # [2, L]
@@ -203,26 +201,12 @@ def build(
 def _around(faces: Ints, drawn: Ints, vertices: Ints, count: int) -> tuple[Around, Ints]:
     """The drawn triangles around vertices; and which of them each triangle [F] is, else -1."""
     chosen = drawn[np.isin(faces[drawn], vertices).any(1)]
-    near = faces[chosen]
+    near = np.ascontiguousarray(faces[chosen], np.int32)
     row_of = np.full(count, -1, np.int32)
     row_of[vertices] = np.arange(len(vertices))
-    rows = row_of[near.ravel()]
-    columns = np.repeat(np.arange(len(near), dtype=np.int32), 3)
-    inside = rows >= 0
-    ones = np.ones(int(inside.sum()), np.float32)
-    shape = (len(vertices), len(near))
-    gather = csr_array((ones, (rows[inside], columns[inside])), shape=shape)
     place = np.full(len(faces), -1, np.int32)
     place[chosen] = np.arange(len(chosen))
-    return Around(np.ascontiguousarray(near.T), gather), place
-
-
-def colors(reflected: Floats, light: Floats) -> Floats:
-    """[N, 3] linear albedo, [N, 4] light and shine -> [N, 3] stored colour, 0..1."""
-    out = reflected * light[:, :3]
-    out += light[:, 3:]
-    np.minimum(out, 1, out=out)
-    return np.sqrt(out, out=out)
+    return Around(near, row_of[near], len(vertices)), place
 
 
 def facing(normals: Floats) -> Floats:  # [3, n] unit -> [n, 4] wxyz

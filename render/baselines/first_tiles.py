@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from render.contexts import GLContext
 from render.projector import FIELDS, TILE_PX, U32, depth_order
 from render.storage import GrowingBuffer
-from render.tile_pairs import expand
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:
@@ -82,6 +81,14 @@ def sort_by_tile(order: U32, rects: NDArray[np.uint16], size: tuple[int, int]) -
     starts = np.searchsorted(keys, np.arange(num_tiles, dtype=dtype) * step_x)
     starts = np.append(starts, len(keys)).astype(np.uint32)
     return order[keys & (step_x - dtype(1))], starts
+
+
+def expand(keys: NDArray, counts: NDArray, step: np.generic) -> NDArray:
+    """Replace keys[i] by keys[i] + step * (0, 1, .. counts[i] - 1)."""
+    first = np.cumsum(counts, dtype=keys.dtype) - counts
+    keys = np.repeat(keys - first * step, counts)
+    keys += np.arange(len(keys), dtype=keys.dtype) * step
+    return keys
 
 
 class FirstTileRenderer:

@@ -13,7 +13,6 @@ layout(std430, binding = 5) writeonly buffer Pixels { uint pixels[]; };  // RGBA
 uniform uvec2 size;      // px
 uniform uint tiles_across;
 uniform vec3 background;
-uniform uint rank_mask;  // the bits of a pair that are the index of its splat
 
 const float CUTOFF = 1.0 / 64.0;  // the faintest alpha that is drawn
 const float OPAQUE = 1.0 / 128.0;  // a tile this opaque hides the rest
@@ -36,7 +35,7 @@ struct Seen {
 };
 
 Seen load(uint i, uint end, vec2 start) {
-    Splat splat = unpack(splats[pairs[min(i, end - 1u)] & rank_mask]);
+    Splat splat = unpack(splats[pairs[min(i, end - 1u)]]);
     Seen s;
     s.p = splat.p, s.q = splat.q, s.r = splat.r;
     vec2 d = start - splat.xy;

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from render.reference import LOW_PASS_PX2, MAX_ALPHA, MIN_ALPHA
-from render.tile_pairs import sort_by_tile
+from render.tile_pairs import deal
 from render.types import Camera
 
 TILE_PX = 8
@@ -117,8 +117,8 @@ def _tiles(
     order = np.argsort(flat.depth, kind="stable")
     order = order[shown[order]]
     boxes = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low[order], high[order])], 1)
-    pairs, starts, mask = sort_by_tile(boxes.astype(np.uint32), size)
-    return order[pairs & np.uint32(mask)], starts, size
+    ranks, starts = deal(boxes.astype(np.uint32), size)
+    return order[ranks], starts, size
 
 
 def dissimilarity(a: Tensor, b: Tensor) -> Tensor:  # [H, W, 3], [H, W, 3] 0..1 -> [H, W]
