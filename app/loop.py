@@ -20,13 +20,15 @@ from app.controls import ControlPanel, Controls, hushed
 from app.emotion import EmotionControl
 from app.sinks.sink import FrameResult, RunInfo, Sink
 from app.stages import Stages
-from encoder.driver import DrivenFrame, Driver
+from encoder.driver import DrivenFrame, Driver, DriverState
 from render import identity
-from render.decoder import Decoder
+from render.decoder import EXPRESSION_DIM, Decoder
 from render.identity import Identity
 from render.types import Camera, Renderer
 from sensors.assemble import Assembler
 from sensors.types import FPS, NS, Clock, Packet, Source
+
+FORWARD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 
 
 @dataclass
@@ -66,6 +68,8 @@ def drive(
     summary, state, assembler = Summary(), driver.init_state(seed), Assembler()
     emotions = emotions or EmotionControl()
     wishes = Controls(avatar="")  # as they were fulfilled
+    if head:
+        _warm_up(head)
     with _running(source, sinks, info):
         start_ns = clock.now_ns()
         live = source.info.duration_ns is None
@@ -77,12 +81,7 @@ def drive(
                 now = panel.read()
                 if now.closed:
                     break
-                if now.resets > wishes.resets:
-                    state = driver.init_state(seed)
-                if now.recentred > wishes.recentred:
-                    state = driver.recentred(state)
-                if head and now.avatar != head.identity.name:
-                    head.identity = identity.load(now.avatar)
+                state = _fulfilled(now, wishes, state, driver, head, seed)
                 wishes = now
             with stages("tick"):
                 with stages("assemble"):
@@ -112,6 +111,29 @@ def drive(
             end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
             wake_ns = due_ns = min(end_ns, clock.now_ns()) + NS // FPS  # never trust a far future
     return summary
+
+
+def _fulfilled(
+    now: Controls,
+    before: Controls,
+    state: DriverState,
+    driver: Driver,
+    head: Head | None,
+    seed: int,
+) -> DriverState:
+    if now.resets > before.resets:
+        state = driver.init_state(seed)
+    if now.recentred > before.recentred:
+        state = driver.recentred(state)
+    if head and now.avatar != head.identity.name:
+        head.identity = identity.load(now.avatar)
+    return state
+
+
+def _warm_up(head: Head) -> None:
+    """Draw a face at rest: what is compiled on first use is compiled before the clock starts."""
+    _, gaussians = head.decoder.decode(np.zeros(EXPRESSION_DIM, np.float32), FORWARD, head.identity)
+    head.renderer.draw(gaussians, head.camera)
 
 
 def _draw(head: Head, driven: DrivenFrame, stages: Stages) -> NDArray[np.uint8]:
