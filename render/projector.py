@@ -29,10 +29,14 @@ class Projector:
         self.splats, self._depth_buffer, self._box_buffer = (GrowingBuffer(gl) for _ in range(3))
         self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
         self.boxes = np.empty((0, 4), np.uint32)  # [N] tiles: x0 | y0 << 16, x1 | y1 << 16, rows
+        self._uploaded: Gaussians | None = None  # one upload serves both eyes
         self.dropped = 0  # Gaussians of the last run that no picture can show
 
     def run(self, gaussians: Gaussians, camera: Camera) -> U32:
-        """Project; returns the indices [M] of the visible splats, nearest first."""
+        """Project; returns the indices [M] of the visible splats, nearest first.
+
+        The same Gaussians are uploaded once: their arrays must not change between two runs.
+        """
         gaussians.check()
         n = len(gaussians)
         if n != len(self._depths):
@@ -41,8 +45,10 @@ class Projector:
             self.dropped = 0
             return np.empty(0, np.uint32)
         for binding, (name, buffer) in enumerate(zip(FIELDS, self._inputs, strict=True)):
-            buffer.write(np.ascontiguousarray(getattr(gaussians, name), np.float32))
+            if gaussians is not self._uploaded:
+                buffer.write(np.ascontiguousarray(getattr(gaussians, name), np.float32))
             buffer.bind(binding)
+        self._uploaded = gaussians
         for binding, (buffer, row_bytes) in enumerate(
             ((self.splats, 16), (self._depth_buffer, 4), (self._box_buffer, 16)), len(FIELDS)
         ):
