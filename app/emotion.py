@@ -6,9 +6,11 @@ The wish becomes a packet, so that a session keeps it and a replay shows it at t
 """
 
 import contextlib
+import os
 import socket
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from sensors.types import EmotionPacket, InputError, Packet
@@ -92,6 +94,15 @@ class OscPort:
             print(f"livedrive: {error}", file=sys.stderr)
             return False
         return True
+
+
+def said_with(labels: Sequence[str], words: str, clip: Path | None) -> str:
+    """`words` in terms of the labels, with the CLIP model in `clip` or what it said before."""
+    from encoder.emotion_text import clip_embed, understood
+
+    home = os.environ.get("XDG_CONFIG_HOME")
+    cache = (Path(home) if home else Path.home() / ".config") / "livedrive" / "emotion_words.json"
+    return understood(words, labels, (lambda: clip_embed(clip)) if clip else None, cache)
 
 
 def _words(datagram: bytes) -> str | None:

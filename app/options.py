@@ -57,6 +57,8 @@ class DriveOptions(NetworkOptions):
     emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
     """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
     A replay shows what was recorded unless this is given."""
+    clip: Path | None = None
+    """Folder of a CLIP model, to understand other words for --emotion."""
     listen: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
     """UDP port on this machine for OSC messages /livedrive/emotion happy:0.7."""
     condition: Literal["auto", "gaze", "eyes"] = "auto"
@@ -85,6 +87,10 @@ class DriveOptions(NetworkOptions):
 
         condition = choose_condition(self.condition, has_eyes)
         driver = load_driver(device=self.device, condition=condition)
+        if self.emotion and driver.emotions:
+            from app.emotion import said_with
+
+            self.emotion = said_with(driver.emotions.labels, self.emotion, self.clip)
         driver.check_emotion(self.emotion or "")
         return driver
 
