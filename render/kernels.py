@@ -80,7 +80,7 @@ def paint(
 
 @njit(cache=True, nogil=True)
 def count_tiles(
-    boxes: NDArray[np.uint32],  # [M, 2] tiles: x0 | y0 << 16, x1 | y1 << 16
+    boxes: NDArray[np.uint32],  # [M, 2 or more] tiles: x0 | y0 << 16, x1 | y1 << 16
     rows: NDArray[np.uint8],  # [M, 8] left out << 4 | reached, or WHOLE
     across: int,
     counts: NDArray[np.uint32],  # -> [tiles] splats that reach each tile
@@ -89,15 +89,16 @@ def count_tiles(
     for m in range(len(boxes)):
         x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
         x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        whole = rows[m, 0] == WHOLE
-        for y in range(y0, y1):
-            first, last = x0, x1
-            if not whole:
-                row = rows[m, y - y0]
-                first = x0 + int(row >> 4)
-                last = first + int(row & 15)
-            for tile in range(y * across + first, y * across + last):
-                counts[tile] += 1
+        if rows[m, 0] == WHOLE:
+            for y in range(y0, y1):
+                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
+                    counts[tile] += 1
+        else:
+            for k in range(y1 - y0):
+                row = rows[m, k]
+                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
+                for tile in range(first, first + np.uintp(row & 15)):
+                    counts[tile] += 1
 
 
 @njit(cache=True, nogil=True)
@@ -108,16 +109,21 @@ def deal_to_tiles(
     places: NDArray[np.uint32],  # [tiles] first place of each tile; moved to its end
     ranks: NDArray[np.uint32],  # -> [P] splats, tile after tile
 ) -> None:
+    # As above. Unsigned numbers need no test for Python's negative indices: a third less time.
     for m in range(len(boxes)):
         x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
         x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        whole = rows[m, 0] == WHOLE
-        for y in range(y0, y1):
-            first, last = x0, x1
-            if not whole:
-                row = rows[m, y - y0]
-                first = x0 + int(row >> 4)
-                last = first + int(row & 15)
-            for tile in range(y * across + first, y * across + last):
-                ranks[places[tile]] = m
-                places[tile] += 1
+        if rows[m, 0] == WHOLE:
+            for y in range(y0, y1):
+                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
+                    place = np.uintp(places[tile])
+                    ranks[place] = m
+                    places[tile] = place + 1
+        else:
+            for k in range(y1 - y0):
+                row = rows[m, k]
+                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
+                for tile in range(first, first + np.uintp(row & 15)):
+                    place = np.uintp(places[tile])
+                    ranks[place] = m
+                    places[tile] = place + 1

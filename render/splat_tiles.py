@@ -16,7 +16,6 @@ from render.types import Camera, Gaussians
 
 LANES = 8  # tiles of a work group
 DECKS = 16  # see share_out
-EVERY = np.uint32(0xFFFFFFFF)  # a tile that looked at all of its pairs
 
 
 def share_out(work: U32) -> U32:
@@ -42,9 +41,10 @@ class TileRenderer:
         self._splats, self._pairs, self._starts, self._tiles, self._needs, self._pixels = (
             GrowingBuffer(gl) for _ in range(6)
         )
-        self._needed = np.empty(0, np.uint32)  # [tiles] pairs until nothing behind was seen
         self._picture = np.empty((0, 0, 4), np.uint8)
-        self._blank = (0.0, 0.0, 0.0), self._picture  # a background and its picture
+        self._paper: tuple[int, int, tuple[float, float, float]] | None = None  # of that picture
+        self._inked = np.empty(0, np.bool_)  # [tiles] it shows more than the background
+        self._needed = np.empty(0, np.uint32)  # [tiles] pairs until nothing behind was seen
         self.name = f"tiles on {context.renderer} ({context.backend})"
 
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
@@ -54,18 +54,13 @@ class TileRenderer:
         across, down = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         boxes = self._projector.boxes.take(order, 0)
         pairs = deal(boxes, (across, down), boxes.view(np.uint8)[:, 8:])
-        self._clear(camera)
-        work = np.diff(pairs.starts)
-        if len(self._needed) == len(work):  # the last picture tells where a list is cut short
-            np.minimum(work, self._needed, out=work, where=work > 0)
-        lanes = share_out(work)
-        if len(lanes) == 0:
-            return
+        lanes = share_out(self._effort(pairs.starts, camera))
         self._splats.write(self._projector.read_splats().take(order, 0))
         self._pairs.write(pairs.ranks)
         self._starts.write(np.append(pairs.starts, pairs.starts[-1:]))  # and those of no tile
         self._tiles.write(lanes)
-        self._needs.write(np.full(len(work) + 1, EVERY))
+        self._needs.reserve(4 * len(pairs.starts))
+        self._pixels.reserve(self._picture.nbytes)
         buffers = (self._splats, self._pairs, self._starts, self._tiles, self._needs, self._pixels)
         for binding, buffer in enumerate(buffers):
             buffer.bind(binding)
@@ -74,7 +69,6 @@ class TileRenderer:
         self._program["tiles_across"] = across
         self._program.run(len(lanes) // LANES)
         self._context.gl.memory_barrier()
-        self._needed = np.empty(len(work), np.uint32)
         self._needs.read(self._needed)
 
     @property
@@ -89,16 +83,19 @@ class TileRenderer:
         self._context.check_errors("tiles")
         return self._picture
 
-    def _clear(self, camera: Camera) -> None:
-        """Fill the picture with the background, which is all that tiles without splats show."""
-        size = (camera.height, camera.width)
-        if self._picture.shape[:2] != size:
-            self._picture = np.empty((*size, 4), np.uint8)
-        if self._blank[0] != camera.background or self._blank[1].shape[:2] != size:
-            blank = np.zeros((*size, 4), np.uint8)
-            blank[..., :3] = np.rint(255.0 * np.clip(camera.background, 0.0, 1.0))
-            self._blank = camera.background, blank
-        self._pixels.write(self._blank[1])
+    def _effort(self, starts: U32, camera: Camera) -> U32:
+        """What each tile [tiles] costs, 0 for those that show the background and did before."""
+        work = np.diff(starts)
+        inked, paper = work > 0, (camera.width, camera.height, camera.background)
+        if paper == self._paper:  # the last picture tells where a list is cut short
+            work = np.minimum(work, self._needed) + np.uint32(1)
+            work[~(inked | self._inked)] = 0
+        else:
+            work += np.uint32(1)
+            self._paper, self._needed = paper, np.empty_like(work)
+            self._picture = np.empty((camera.height, camera.width, 4), np.uint8)
+        self._inked = inked
+        return work
 
     def close(self) -> None:
         """Free everything, the context too; may be called twice."""

@@ -90,6 +90,15 @@ def test_same_input_gives_the_same_picture_twice(gl_renderer):
     assert (draw(gl_renderer, scene, camera) == first).all()
 
 
+def test_nothing_of_the_last_picture_stays(gl_renderer):
+    scene, camera = head_scene(800), portrait(96, 96)
+    moved = replace(scene, means=scene.means + np.array([120.0, 60.0, 0.0], np.float32))
+    nothing = take(scene, np.zeros(0, int))
+    for shown in (scene, moved, nothing, scene):
+        check(gl_renderer, shown, camera)
+    check(gl_renderer, moved, replace(camera, background=(0.9, 0.1, 0.5)))
+
+
 def test_gaussians_behind_or_too_near_are_not_drawn(gl_renderer):
     camera = replace(portrait(96, 96, distance_mm=300.0), near_mm=280.0)
     scene = head_scene(1500)

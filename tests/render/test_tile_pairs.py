@@ -1,0 +1,44 @@
+"""Splats are dealt to tiles in the order of depth, as far as their rows say."""
+
+import numpy as np
+
+from render.kernels import WHOLE
+from render.tile_pairs import deal
+
+
+def boxes_of(corners):
+    x0, y0, x1, y1 = np.array(corners, np.uint32).T
+    return np.stack([x0 | y0 << 16, x1 | y1 << 16], 1)
+
+
+def lists(pairs):
+    return [list(part) for part in np.split(pairs.ranks, pairs.starts[1:-1])]
+
+
+def test_boxes_reach_every_tile_of_theirs_nearest_first():
+    pairs = deal(boxes_of([(1, 0, 3, 2), (0, 0, 2, 1), (2, 1, 3, 2)]), (3, 2))
+    assert lists(pairs) == [[1], [0, 1], [0], [], [0], [0, 2]]
+
+
+def test_rows_leave_out_what_the_ellipse_misses():
+    rows = np.zeros((2, 8), np.uint8)
+    rows[0, :3] = 1 << 4 | 1, 0 << 4 | 3, 1 << 4 | 1  # a diamond
+    rows[1] = WHOLE
+    pairs = deal(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), (3, 3), rows)
+    assert lists(pairs) == [[], [0], [], [0], [0], [0], [], [0], [1]]
+
+
+def test_random_boxes_equal_a_loop():
+    rng = np.random.default_rng(0)
+    low = rng.integers(0, 30, (500, 2))
+    high = low + rng.integers(1, 12, (500, 2))
+    expected = [[] for _ in range(42 * 42)]
+    for m, ((x0, y0), (x1, y1)) in enumerate(zip(low, high, strict=True)):
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                expected[y * 42 + x].append(m)
+    assert lists(deal(boxes_of(np.c_[low, high]), (42, 42))) == expected
+
+
+def test_no_splats_give_empty_lists():
+    assert lists(deal(np.zeros((0, 2), np.uint32), (2, 2))) == [[], [], [], []]
