@@ -93,9 +93,10 @@ def test_same_input_gives_the_same_picture_twice(gl_renderer):
 def test_nothing_of_the_last_picture_stays(gl_renderer):
     scene, camera = head_scene(800), portrait(96, 96)
     moved = replace(scene, means=scene.means + np.array([120.0, 60.0, 0.0], np.float32))
-    nothing = take(scene, np.zeros(0, int))
-    for shown in (scene, moved, nothing, scene):
+    behind = replace(scene, means=scene.means + np.array([0.0, 0.0, 5000.0], np.float32))
+    for shown in (scene, moved, scene):
         check(gl_renderer, shown, camera)
+    assert (draw(gl_renderer, behind, camera)[..., 3] == 0).all()
     check(gl_renderer, moved, replace(camera, background=(0.9, 0.1, 0.5)))
 
 
