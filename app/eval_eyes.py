@@ -85,15 +85,17 @@ class EvalEyes:
 
     def _draw_sheets(self, encoder: "EyeEncoder", clips: "Sequence[Clip]", folder: Path) -> None:
         from app import eye_real
+        from encoder.eye_encoder import joined
 
         pictures, rows = list[Any](), list[Any]()
         for clip in clips:
             for t in np.linspace(0, len(clip.eyes) - 1, 6).astype(int):
                 reading = encoder(clip.eyes[t])
+                gaze = joined(reading.gaze, reading.lids, reading.score)
                 for eye in (0, 1):
                     pictures.append(clip.eyes[t, eye])
                     score = float(reading.score[eye])
-                    rows.append((reading.gaze[eye], float(reading.lids[eye]), score))
+                    rows.append((gaze[eye], float(reading.lids[eye]), score))
         eye_real.sheet(pictures, rows, folder / "rendered.png", columns=12)
         if self.real is None:
             return

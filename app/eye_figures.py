@@ -38,15 +38,18 @@ def calibrated(encoder: "EyeEncoder", clip: "Clip") -> "EyeCalibration":
 
 def encoder_figures(encoder: "EyeEncoder", clips: "Sequence[Clip]") -> Figures:
     """Gaze, lids, blinks and validity on clips of unseen wearers."""
+    from encoder.eye_encoder import joined
     from encoder.eye_metrics import NO_BLINKS, angle_deg, compare_blinks, shut_frames
 
     plain, own, lid_errors, valid = [], [], [], []
     blinks = NO_BLINKS
     for clip in clips:
         rows = [encoder(pair) for pair in clip.eyes]
-        gaze, lids = np.stack([r.gaze for r in rows]), np.stack([r.lids for r in rows])
-        calibration = calibrated(encoder, clip)
-        moved = np.stack([calibration.apply(g, v)[0] for g, v in zip(gaze, lids, strict=True)])
+        lids, calibration = np.stack([r.lids for r in rows]), calibrated(encoder, clip)
+        gaze = np.stack([joined(r.gaze, r.lids, r.score) for r in rows])
+        moved = np.stack(
+            [joined(calibration.apply(r.gaze, r.lids)[0], r.lids, r.score) for r in rows]
+        )
         seen = clip.lids > OPEN_ENOUGH
         plain.append(angle_deg(gaze, clip.gaze)[seen])
         own.append(angle_deg(moved, clip.gaze)[seen])

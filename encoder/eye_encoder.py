@@ -39,11 +39,25 @@ def conjugate(
     return (middle + half).astype(np.float32)
 
 
+def joined(
+    gaze: Array,  # [2, 3] unit vectors, as each picture alone shows it
+    lids: Array,  # [2] opening
+    score: Array,  # [2]
+) -> Array:  # [2, 3]
+    """Where both eyes look: one that is shut or doubtful says little. After calibration: what is
+    personal differs from eye to eye, and a mean of both with changing weights would mix it.
+    """
+    from encoder.eye_network import unit
+
+    weight = (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
+    return unit(conjugate(gaze[:, :2], weight))
+
+
 class EyeReading(NamedTuple):
     """Left eye first. Everything is finite, whatever the pictures show."""
 
     features: Array  # [2, 80] in -1..1, of left-like eyes
-    gaze: Array  # [2, 3] unit vectors, head frame
+    gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it: see `joined`
     lids: Array  # [2] opening: 0 shut .. 1 open
     score: Array  # [2] 0..1: is this the right eye, seen by a working camera? 0: a flat picture
 
@@ -75,8 +89,7 @@ class EyeEncoder:
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
         score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
         xy = np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1)
-        gaze = unit(conjugate(xy, score * np.clip(lids / OPEN, 0, 1)))
-        return EyeReading(features, gaze, lids, score.astype(np.float32))
+        return EyeReading(features, unit(xy), lids, score.astype(np.float32))
 
     def synthesise(
         self,

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.eye_calibration import EyeCalibration
-from encoder.eye_encoder import EyeEncoder, EyeReading
+from encoder.eye_encoder import EyeEncoder, EyeReading, joined
 from encoder.gaze_walk import GazeWalk, WalkState
 from sensors.types import FPS
 
@@ -79,7 +79,7 @@ class EyeTracker:
         good, trust = _good(reading, fresh, state.trust)
         own = None
         if reading is not None and good.any():
-            own = self._calibrated(reading, state.calibration)
+            own = self._own(reading, good, state.calibration)
         lost = tuple(0 if good[e] else min(state.lost[e] + 1, HOLD_FRAMES + 1) for e in (0, 1))
         first = state.shown is None
         source = tuple(_source(e, good, lost, state.source, first) for e in (0, 1))
@@ -90,7 +90,9 @@ class EyeTracker:
             changed = source[eye] != state.source[eye]
             # an eye that comes back from a hold has not changed its source, but has to fade, too
             back = source[eye] == OWN and good[eye] and state.lost[eye] > 0
-            if (changed or back) and not first:
+            # this eye's gaze is of both while both are seen
+            other = good[eye] and good[1 - eye] != (state.lost[1 - eye] == 0)
+            if (changed or back or other) and not first:
                 fade[eye], faded = 0, _put(faded, state.shown, eye)
             parts.append(self._target(eye, source[eye], bool(good[eye]), own, walked, state))
         seen = Seen(*(np.stack(rows) for rows in zip(*parts, strict=True)))
@@ -108,14 +110,17 @@ class EyeTracker:
         )
         return seen, after
 
-    def _calibrated(self, reading: EyeReading, calibration: EyeCalibration | None) -> Seen:
-        """The person's own gaze and lids; the features move along."""
-        if calibration is None:
-            return Seen(reading.features, reading.gaze, reading.lids)
-        gaze, lids = calibration.apply(reading.gaze, reading.lids)
-        before = self.encoder.synthesise(reading.gaze, reading.lids)
-        moved = (self.encoder.synthesise(gaze, lids) - before).astype(np.float32)
-        return Seen(_bounded(reading.features + moved), gaze, lids)
+    def _own(
+        self, reading: EyeReading, good: NDArray[np.bool_], calibration: EyeCalibration | None
+    ) -> Seen:
+        """The person's own gaze and lids, of the eyes that are seen; the features move along."""
+        features, gaze, lids = reading.features, reading.gaze, reading.lids
+        if calibration is not None:
+            gaze, lids = calibration.apply(gaze, lids)
+            before = self.encoder.synthesise(reading.gaze, reading.lids)
+            moved = (self.encoder.synthesise(gaze, lids) - before).astype(np.float32)
+            features = _bounded(features + moved)
+        return Seen(features, joined(gaze, reading.lids, reading.score * good), lids)
 
     def _walked(self, needed: bool, state: EyeState) -> tuple[Seen | None, EyeState]:
         """The next frame of synthesised eyes, begun where the eyes look now."""

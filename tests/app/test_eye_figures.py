@@ -39,7 +39,8 @@ def written(gaze: np.ndarray, lids: np.ndarray) -> np.ndarray:
 
 def clip(bias: float = 0.0) -> Clip:
     rng = np.random.default_rng(0)
-    gaze = unit(np.repeat(rng.uniform(-0.2, 0.2, (FRAMES // 10, 1, 2)), 10, 0).repeat(2, 1))
+    xy = np.repeat(rng.uniform(-0.2, 0.2, (FRAMES // 10, 1, 2)), 10, 0)
+    gaze = unit(xy + np.array([[-0.032, 0], [0.032, 0]]))  # at something a metre away
     lids = np.ones((FRAMES, 2), np.float32)
     lids[20:26] = lids[60:64] = 0
     routine = tuple(

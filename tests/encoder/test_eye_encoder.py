@@ -11,7 +11,7 @@ import torch
 from eye_material import drawn_eye, encoder, net
 
 from encoder.checkpoint import save
-from encoder.eye_encoder import conjugate, load_eye_encoder
+from encoder.eye_encoder import conjugate, joined, load_eye_encoder
 from encoder.eye_network import GAZE_UNIT, normalised, pixels, unit
 from sensors.types import InputError
 
@@ -41,8 +41,7 @@ def test_onnx_equals_torch() -> None:
     with torch.no_grad():
         out = made(torch.from_numpy(normalised(pixels(pair()))))
     assert np.abs(reading.features - out.features.numpy()).max() < 1e-5
-    seen = reading.score * np.clip(reading.lids / 0.35, 0, 1)
-    expected = unit(conjugate(out.gaze.numpy() * np.float32([[1, 1], [-1, 1]]), seen))
+    expected = unit(out.gaze.numpy() * np.float32([[1, 1], [-1, 1]]))
     assert np.abs(reading.gaze - expected).max() < 1e-5
     assert np.abs(reading.score - torch.sigmoid(out.valid).numpy()).max() < 1e-5
     assert np.abs(reading.lids - out.lid.clamp(0, 1).numpy()).max() < 1e-5
@@ -70,6 +69,8 @@ def test_eyes_move_together() -> None:
     assert np.abs(alone[0] - noisy[0]).max() < 0.01 and alone[1, 0] > alone[0, 0]
     true = np.float32([[0.168, 0.05], [0.232, 0.05]])
     assert np.abs(conjugate(true, both) - true).max() < 1e-3
+    shut = joined(unit(noisy), np.float32([1, 0]), both)
+    assert np.abs(shut - unit(alone)).max() < 1e-6
 
 
 def test_finite_on_any_picture() -> None:
