@@ -1,0 +1,230 @@
+"""The figures of `livedrive eval emotion`: models and test sets, what is shown, how the lips do."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from app.eval_emotion import EvalEmotion
+    from encoder.denoiser import Denoiser
+    from encoder.driver import Driver
+    from encoder.emotion_evaluation import Told
+    from encoder.zero_conv import ZeroConvs
+
+Figures = dict[str, float]
+Floats = Any  # NDArray[np.float32]
+EVERY = {"upper": 20, "lower": 40}  # vertices looked at
+INTENSITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
+HOLD_FRAMES = 30  # of each emotion, where they are switched
+
+
+class Model(NamedTuple):
+    student: "Denoiser"
+    zero: "ZeroConvs"
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Confusion tables [labels, labels] of face, upper and lower face."""
+
+    tables: dict[str, Floats]
+
+
+class Judgement:
+    """All models of one evaluation on the same takes."""
+
+    def __init__(self, command: "EvalEmotion") -> None:
+        import torch
+
+        from app.eval_emotion import FINE_TUNED, SHIPPED
+        from app.face_mesh import face_mesh
+        from encoder import inference
+        from render.decoder import Decoder
+
+        torch.set_num_threads(1)
+        self.command, self.missing = command, list[str]()
+        self.weights = command.weights or inference.WEIGHTS
+        self.mesh, self.decoder = face_mesh(command.avatar), Decoder.load()
+        self.encoder, _, _ = inference.load_models(self.weights)
+        self.regions = self._regions()
+        self.models: dict[str, Model] = {}
+        shipped = self.weights / "student"
+        for name, student, folder in (
+            (SHIPPED, shipped, self.weights),
+            (FINE_TUNED, command.data / "fine-tune" / "student", command.data / "fine-tune"),
+            ("without L_lip", shipped, command.data / "no-lip"),
+        ):
+            if name == SHIPPED or (folder / "emotion.json").is_file():
+                self.models[name] = load_model(student, folder / "emotion")
+            else:
+                self.missing.append(name)
+
+    def _regions(self) -> dict[str, Callable[[Floats], Floats]]:
+        """Codes [..., 256] -> vertices [..., V, 3] mm from rest, of the face and its halves."""
+        sets = self.decoder.regions
+        lower = np.setdiff1d(sets["narrow_face"], sets["upper_face"])
+        members = {"upper": sets["upper_face"], "lower": lower}
+
+        def moved(chosen: Floats) -> Callable[[Floats], Floats]:
+            rows = (chosen[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
+            dense = np.asarray(self.decoder.basis[rows].todense(), np.float32)
+            linear = self.decoder.to_rig @ dense.T
+            return lambda codes: (codes @ linear).reshape(*codes.shape[:-1], -1, 3)
+
+        halves = {name: v[:: EVERY[name]] for name, v in members.items()}
+        both = np.concatenate(list(halves.values()))
+        return {"face": moved(both)} | {name: moved(v) for name, v in halves.items()}
+
+    def sets(self) -> "dict[str, list[Told]]":
+        from app.capture_face import lips
+        from encoder import emotion_evaluation as told
+
+        geometry, command = lips(), self.command
+        found = {
+            "acted voice": told.acted(command.data, geometry, command.seed),
+            "neutral voice": told.neutral(command.data, geometry, command.segments, command.seed),
+            "real voice": told.tracked(command.data, geometry, command.segments, command.seed),
+        }
+        self.told = found
+        return {name: takes for name, takes in found.items() if takes}
+
+    def figures(self, takes: "list[Told]", model: Model) -> tuple[Figures, Seen]:
+        """Each take in its own emotion, or, where the voice is neutral, in all ten."""
+        from encoder.capture.emotion import LABELS
+        from encoder.emotion_evaluation import codes, confusion, lip_figures
+
+        asked = [(t, k) for t in takes for k in range(len(LABELS)) if t.label in (-1, k)]
+        labels = [label for _, label in asked]
+        segments = [take.segment for take, _ in asked]
+        audio, gaze = self._inputs(segments)
+        intensity = 0.9 if takes[0].label >= 0 else 1.0
+        draws = range(self.command.samples)
+        said = [codes(*model, audio, gaze, labels, intensity, s) for s in draws]
+        plain = self.models["zero convolutions"].student
+        calm = [codes(plain, None, audio, gaze, labels, 0.0, s) for s in draws]
+        truths = self.decoder.encode(np.stack([take.rigs for take, _ in asked]))
+        own = np.stack([rows[1 + label] for rows, label in zip(truths, labels, strict=True)])
+        phones = [segment.phones for segment in segments]
+        # each model is judged by the truth that it ought to show
+        figures = lip_figures(said, own, phones, self.mesh)
+        base = lip_figures(calm, truths[:, 0], phones, self.mesh)
+        figures |= {f"neutral_{name}": value for name, value in base.items()}
+        crossed = lip_figures(calm, own, phones, self.mesh)  # who wears no emotion where one is due
+        figures["neutral_lip_sync_to_emotional_truth_mm"] = crossed["lip_sync_mm"]
+        tables = {
+            name: np.mean([confusion(rows, truths[:, 1:], labels, region) for rows in said], 0)
+            for name, region in self.regions.items()
+        }
+        for name, table in tables.items():
+            present = table.sum(1) > 0
+            figures[f"accuracy_{name}"] = float(np.diag(table)[present].mean())
+        return figures, Seen(tables)
+
+    def _inputs(self, segments: "Sequence[Any]") -> tuple[Any, Any]:
+        from encoder import evaluation
+
+        audio = evaluation.features(segments, evaluation.whole(self.encoder))
+        return audio, evaluation.true_gaze(segments)
+
+    def live_figures(self) -> Figures:
+        """Intensity and switching on the live path (as it ships: int8 where that is exact)."""
+        from encoder import inference
+
+        driver = inference.load_driver(self.weights, "cpu")
+        takes = sorted(self.told["neutral voice"], key=lambda t: -t.segment.clip.num_frames)[:3]
+        sounds = [sound_of(take) for take in takes]
+        return (
+            self._intensity_figures(driver, sounds[0][: 1600 * 150])
+            | self._switching_figures(driver, sounds)
+            | {"emotion_cpu_ms_a_tick": emotion_cost_ms(driver, sounds[0])}
+        )
+
+    def _intensity_figures(self, driver: "Driver", sound: Floats) -> Figures:
+        assert driver.emotions is not None
+        face, seed = self.regions["face"], self.command.seed
+        calm = drive(driver, sound, "", seed)
+        monotone, halves, zero = 0, list[float](), 0.0
+        for label in driver.emotions.labels:
+            rows = [drive(driver, sound, f"{label}:{i}", seed) for i in INTENSITIES]
+            zero = max(zero, float(np.abs(rows[0] - calm).max()))
+            way = np.stack([(face(row) - face(calm))[15:].mean(0) for row in rows])
+            end = way[-1] / np.linalg.norm(way[-1])
+            along = (way * end).sum((1, 2))  # mm, along the full emotion
+            monotone += bool((np.diff(along) > 0).all())
+            halves.append(float(along[2] / along[-1]))
+        return {
+            "intensity_0_difference": zero,
+            "intensity_monotone_share": monotone / len(driver.emotions.labels),
+            "intensity_half_least": min(halves),
+            "intensity_half_most": max(halves),
+        }
+
+    def _switching_figures(self, driver: "Driver", sounds: list[Floats]) -> Figures:
+        from encoder.emotion import FADE_FRAMES
+        from encoder.emotion_evaluation import largest_moves
+
+        assert driver.emotions is not None
+        rng, seed, face = np.random.default_rng(self.command.seed), 0, self.regions["face"]
+        normal, fades = list[Floats](), list[Floats]()
+        for sound in sounds:
+            frames = len(sound) // 1600
+            names = rng.choice(driver.emotions.labels, frames // HOLD_FRAMES + 1)
+            words = np.repeat(names, HOLD_FRAMES)[:frames].tolist()
+            moves = largest_moves(drive(driver, sound, words, seed), face)
+            fading = np.arange(1, frames) % HOLD_FRAMES < FADE_FRAMES
+            fades.append(moves[fading])
+            normal.append(largest_moves(drive(driver, sound, "", seed), face)[FADE_FRAMES:])
+        most, usual = np.concatenate(fades).max(), np.concatenate(normal).max()
+        return {
+            "switching_jump_mm": float(most),
+            "normal_jump_mm": float(usual),
+            "switching_jump_over_normal": float(most / usual),
+        }
+
+
+def load_model(student: Any, emotion: Any) -> Model:
+    from encoder import checkpoint
+    from encoder.training.diffusion import load_denoiser
+    from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+
+    tensors, card = checkpoint.load(emotion, "emotion")
+    zero = ZeroConvs(checkpoint.config_from(ZeroConvConfig, card["config"]))
+    zero.load_state_dict({name: tensor.float() for name, tensor in tensors.items()})
+    return Model(load_denoiser(student, "student")[0], zero.eval())
+
+
+def sound_of(take: "Told") -> Floats:  # [T * 1600] at 48 kHz, 20 s at most
+    import soxr
+
+    sound = np.asarray(take.segment.clip.audio[: 800 * 600], np.float32) / 32768
+    return soxr.resample(sound, 24_000, 48_000)[: len(sound) // 800 * 1600]
+
+
+def drive(driver: "Driver", sound: Floats, words: "str | list[str]", seed: int) -> Floats:
+    """Codes [T, 256] of sound [T * 1600] with these words at every frame, or at each."""
+    from dataclasses import replace
+
+    from app.eval_live import frames
+
+    state, rows = driver.init_state(seed), list[Floats]()
+    for frame in frames(sound):
+        now = words if isinstance(words, str) else words[frame.index]
+        driven, state = driver.step(replace(frame, emotion=now), state)
+        rows.append(driven.expression)
+    return np.array(rows)
+
+
+def emotion_cost_ms(driver: "Driver", sound: Floats, rounds: int = 4) -> float:
+    """CPU time that a fading mixture adds to a tick: the least of several rounds, in turn."""
+    names = [f"{a}:0.5+{b}:0.5" for a, b in (("happy", "sad"), ("angry", "bored"))]
+    mixed = [names[(k // 10) % 2] for k in range(len(sound) // 1600)]
+    spent: dict[bool, list[float]] = {True: [], False: []}
+    for _ in range(rounds):
+        for feels in (False, True):
+            start = time.process_time()
+            drive(driver, sound, mixed if feels else "", 0)
+            spent[feels].append((time.process_time() - start) / len(mixed) * 1000)
+    return max(min(spent[True]) - min(spent[False]), 0.0)

@@ -1,0 +1,91 @@
+"""Pictures of `livedrive eval emotion`: the avatar in all emotions, and the confusion tables."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from app.emotion_figures import Judgement, Seen
+
+COLUMNS = 5  # frames of the sheet
+PX = 224
+
+
+def save(folder: Path, judged: "Judgement", seen: "dict[str, Seen]") -> list[Path]:
+    """Write emotions.png (named), emotions_blind.png (shuffled, numbered) and confusion.png."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names, rows = _portraits(judged)
+    order = np.random.default_rng(judged.command.seed).permutation(len(names))
+    key = ", ".join(names[i] for i in order)
+    paths = [folder / name for name in ("emotions.png", "emotions_blind.png", "confusion.png")]
+    _sheet(paths[0], rows, names)
+    _sheet(paths[1], [rows[i] for i in order], [str(n + 1) for n in range(len(order))])
+    (folder / "emotions_blind.txt").write_text(key + "\n")
+    _confusions(paths[2], seen)
+    return paths
+
+
+def _portraits(judged: "Judgement") -> tuple[list[str], list[list[np.ndarray]]]:
+    """neutral and each label: pictures of the same frames of one sentence, in a neutral voice."""
+    from app.emotion_figures import drive, sound_of
+    from encoder.inference import load_driver
+    from render import cameras, identity
+    from render.renderer import create_renderer
+
+    driver, who = load_driver(judged.weights, "cpu"), identity.load(judged.command.avatar)
+    assert driver.emotions is not None
+    sound = sound_of(judged.told["neutral voice"][0])[: 1600 * 150]
+    names = ["neutral", *driver.emotions.labels]
+    codes = [drive(driver, sound, name, judged.command.seed) for name in names]
+    frames = np.linspace(30, len(codes[0]) - 1, COLUMNS).astype(int)
+    ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+    renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=450)
+    rows: list[list[np.ndarray]] = []
+    for row in codes:
+        pictures: list[np.ndarray] = []
+        for t in frames:
+            _, cloud = judged.decoder.decode(row[t], ahead, who)
+            renderer.draw(cloud, camera)
+            pictures.append(renderer.read_rgba()[..., :3].copy())
+        rows.append(pictures)
+    renderer.close()
+    return names, rows
+
+
+def _sheet(path: Path, rows: list[list[np.ndarray]], names: list[str]) -> None:
+    from PIL import Image, ImageDraw
+
+    sheet = Image.fromarray(np.concatenate([np.concatenate(row, 1) for row in rows]))
+    draw = ImageDraw.Draw(sheet)
+    for place, name in enumerate(names):
+        draw.text((6, place * PX + 4), name, fill=(255, 255, 255), font_size=18)
+    sheet.save(path)
+
+
+def _confusions(path: Path, seen: "dict[str, Seen]") -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    from encoder.capture.emotion import LABELS
+
+    regions = ("face", "upper", "lower")
+    figure, grid = pyplot.subplots(
+        len(seen), 3, figsize=(13, 4.4 * len(seen)), squeeze=False, constrained_layout=True
+    )
+    for panels, (kind, found) in zip(grid, seen.items(), strict=True):
+        for panel, region in zip(panels, regions, strict=True):
+            table: Any = found.tables[region]
+            panel.imshow(table, vmin=0, vmax=1, cmap="Blues")
+            panel.set_xticks(range(len(LABELS)), LABELS, rotation=60, fontsize=7)
+            panel.set_yticks(range(len(LABELS)), LABELS, fontsize=7)
+            panel.set(title=f"{kind}, {region}", xlabel="nearest truth", ylabel="asked for")
+            for (y, x), value in np.ndenumerate(table):
+                if value >= 0.05:
+                    dark = "white" if value > 0.5 else "black"
+                    panel.text(x, y, f"{100 * value:.0f}", ha="center", va="center", fontsize=6,
+                               color=dark)  # fmt: skip
+    figure.savefig(path, dpi=110)
+    pyplot.close(figure)

@@ -1,0 +1,120 @@
+"""`livedrive eval emotion DATA`: does the face show what was asked, do the lips still speak?
+
+Truth is made by rules. Which emotion a face shows is decided without a classifier: by the truth,
+among those of all ten emotions for the same words and eyes, that its vertices are nearest to.
+"""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from tyro.conf import Positional
+
+if TYPE_CHECKING:
+    pass
+
+Figures = dict[str, float]
+FINE_TUNED, SHIPPED = "fine-tuned", "zero convolutions"
+
+
+@dataclass(kw_only=True)
+class EvalEmotion:
+    """Judge emotions on held-out subjects: recognised, in sync, smooth."""
+
+    data: Positional[Path]
+    """Data that `livedrive capture` made; the ablations are looked for in it."""
+    weights: Path | None = None
+    """Folder with audio, student and emotion; default: the shipped ones."""
+    segments: int = 12
+    """Most 100-frame segments of neutral takes and of real voices."""
+    samples: int = 2
+    """Draws of each."""
+    avatar: str = "ben"
+    seed: int = 0
+    report: Path | None = None
+    """Write the figures as JSON."""
+    pictures: Path | None = None
+    """Folder for pictures: emotions x frames, confusion tables."""
+
+    def run(self) -> None:
+        from app import emotion_figures, emotion_pictures
+        from app.bars import finish
+
+        judged = emotion_figures.Judgement(self)
+        tables: dict[str, dict[str, Figures]] = {}
+        confusions: dict[str, Any] = {}
+        for kind, told in judged.sets().items():
+            for name, model in judged.models.items():
+                figures, seen = judged.figures(told, model)
+                tables.setdefault(kind, {})[name] = figures
+                if name == SHIPPED:
+                    confusions[kind] = seen
+        metrics = judged.live_figures() | {
+            f"{kind}/{row}/{name}": value
+            for kind, rows in tables.items()
+            for row, figures in rows.items()
+            for name, value in figures.items()
+        }
+        show(tables)
+        for name, value in metrics.items():
+            if "/" not in name:
+                print(f"{name:40s} {value:.3f}")
+        for name in judged.missing:
+            print(f"not trained, row left out: {name}")
+        if self.pictures:
+            for path in emotion_pictures.save(self.pictures, judged, confusions):
+                print(f"wrote {path}")
+        bars = make_bars(metrics, list(tables))
+        if self.report:
+            report = {"metrics": metrics, "bars": bars, "seed": self.seed, "avatar": self.avatar}
+            report |= {"test_set": str(self.data), "truth": "made by rules"}
+            self.report.write_text(json.dumps(report, indent=2) + "\n")
+        finish(bars)
+
+
+COLUMNS = (
+    ("face", "accuracy_face"), ("upper", "accuracy_upper"), ("lower", "accuracy_lower"),
+    ("lip sync", "lip_sync_mm"), ("neutral's", "neutral_lip_sync_mm"),
+    ("closures", "closure_recall"), ("neutral's", "neutral_closure_recall"),
+    ("r", "opening_r"), ("neutral's", "neutral_opening_r"),
+)  # fmt: skip
+
+
+def show(tables: dict[str, dict[str, Figures]]) -> None:
+    """One table for each set of takes."""
+    from rich.console import Console
+    from rich.table import Table
+
+    for kind, rows in tables.items():
+        table = Table("row", *(title for title, _ in COLUMNS), title=kind, title_justify="left")
+        for row, figures in rows.items():
+            table.add_row(row, *(f"{figures[c]:.3f}" if c in figures else "-" for _, c in COLUMNS))
+        Console(width=140).print(table)
+
+
+def make_bars(metrics: Figures, kinds: list[str]) -> list[dict[str, Any]]:
+    """The issue's bars, for every figure that was measured."""
+    from app.bars import at_least, at_most
+
+    bars: list[dict[str, Any]] = []
+    for kind in kinds:
+        row = f"{kind}/{SHIPPED}"
+        bars.append(at_least(f"{kind} accuracy", metrics[f"{row}/accuracy_face"], 0.8))
+        ratio = metrics[f"{row}/lip_sync_mm"] / metrics[f"{row}/neutral_lip_sync_mm"]
+        bars.append(at_most(f"{kind} lip sync over neutral's", ratio, 1.05))
+        if f"{row}/closure_recall" in metrics:
+            fall = metrics[f"{row}/neutral_closure_recall"] - metrics[f"{row}/closure_recall"]
+            bars.append(at_most(f"{kind} closures lost", fall, 0.03))
+        rival = f"{kind}/{FINE_TUNED}/lip_sync_mm"
+        if rival in metrics:
+            ratio = metrics[f"{row}/lip_sync_mm"] / metrics[rival]
+            bars.append(at_most(f"{kind} lip sync over fine-tuned", ratio, 1.0))
+    limits: dict[str, tuple[Callable[..., Any], float]] = {
+        "intensity_0_difference": (at_most, 0.0),
+        "intensity_monotone_share": (at_least, 1.0),
+        "switching_jump_over_normal": (at_most, 1.0),
+        "emotion_cpu_ms_a_tick": (at_most, 0.3),
+    }
+    return bars + [bar(name, metrics[name], limit) for name, (bar, limit) in limits.items()]

@@ -1,0 +1,177 @@
+"""What `livedrive eval emotion` judges: held-out segments with the truth of every emotion.
+
+Three sets: acted takes (voice and truth of one emotion), neutral takes of rule-made subjects, and
+real voices with tracked mouths over which emotions are laid.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from encoder import metrics
+from encoder.capture.contacts import LipGeometry
+from encoder.capture.dataset import (
+    PACK_SAMPLES_PER_FRAME,
+    SEGMENT_FRAMES,
+    Clip,
+    finished,
+    read_manifest,
+    read_shard,
+)
+from encoder.capture.emotion import LABELS
+from encoder.capture.motion import Style
+from encoder.capture.retold import retell, style_of
+from encoder.denoiser import Denoiser
+from encoder.evaluation import Floats, Segment, held_out_segments, noise
+from encoder.judging import CLOSING, FaceMesh
+from encoder.training.emotion_streams import ACTED_STRENGTH, felt
+from encoder.zero_conv import ZeroConvs
+from sensors.types import FPS
+
+Region = Callable[[Floats], Floats]  # codes [T, 256] -> vertices [T, V, 3] mm
+
+
+@dataclass(frozen=True, eq=False)
+class Told:
+    """A segment and the rigs [1 + labels, 100, 53] of its truth: neutral, then each label."""
+
+    segment: Segment
+    rigs: Floats
+    label: int = -1  # acted; -1: the voice is neutral
+
+
+def acted(pack: Path, lips: LipGeometry, seed: int) -> list[Told]:
+    """All segments of the acted takes of held-out subjects."""
+    return [told for clip, style in _made(pack) if clip.truth == "emotional"
+            for told in _told(clip, style, lips, ACTED_STRENGTH, seed)]  # fmt: skip
+
+
+def neutral(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Told]:
+    """One segment of each of up to `count` neutral takes of held-out subjects."""
+    takes = [(_shortened(clip), style) for clip, style in _made(pack)
+             if clip.truth == "rules" and clip.num_frames >= SEGMENT_FRAMES]  # fmt: skip
+    chosen = sorted(np.random.default_rng(seed).permutation(len(takes))[:count])
+    return [
+        _told(clip, style, lips, 1.0, seed)[0] for clip, style in map(takes.__getitem__, chosen)
+    ]
+
+
+def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Told]:
+    """Segments of held-out real voices; the emotions are laid over the tracked motion."""
+    groups = held_out_segments(pack, count, seed).values()
+    found = [s for group in groups for s in group if s.clip.truth == "tracked"]
+    chosen = np.random.default_rng(seed).permutation(len(found))[:count]
+    result = []
+    for index in sorted(chosen):
+        rig = found[index].rig
+        rows = [felt(rig, label, 1.0, lips, np.random.default_rng(seed)) for label in LABELS]
+        result.append(Told(found[index], np.stack([rig, *rows])))
+    return result
+
+
+def _made(pack: Path) -> Iterator[tuple[Clip, Style]]:
+    """The takes of rule-made test subjects with their subject's style."""
+    for shard in read_manifest(pack)["shards"]:
+        folder = pack / shard["file"]
+        entry = finished(folder)
+        if entry and shard["file"].startswith("made_"):
+            clips = list(read_shard(folder, "test"))
+            style = style_of(entry["seed"], "test") if clips else Style()
+            yield from ((clip, style) for clip in clips)
+
+
+def _shortened(clip: Clip) -> Clip:
+    """Its first two segments at most: the rules take long over long takes."""
+    frames = min(clip.num_frames, 2 * SEGMENT_FRAMES)
+    names = ("rig", "gaze", "phones", "tongue")
+    parts = {name: getattr(clip, name)[:frames] for name in names}
+    spans = clip.spans[clip.spans[:, 1] < frames / FPS]
+    audio = clip.audio[: frames * PACK_SAMPLES_PER_FRAME]
+    return replace(clip, audio=audio, spans=spans, **parts)
+
+
+def _told(clip: Clip, style: Style, lips: LipGeometry, strength: float, seed: int) -> list[Told]:
+    motions = retell(clip, style, lips, strength, seed)
+    clip = replace(clip, gaze=motions[0].gaze[: clip.num_frames].astype(np.float16))
+    rigs = np.stack([motion.rig[: clip.num_frames] for motion in motions])
+    label = LABELS.index(clip.emotion) if clip.emotion in LABELS else -1
+    parts = list(clip.segments()) or [slice(0, 0)]
+    return [Told(Segment(clip, part), rigs[:, part], label) for part in parts if part.stop]
+
+
+@torch.no_grad()
+def codes(
+    student: Denoiser,
+    zero: ZeroConvs | None,  # None: as it is
+    audio: Tensor,  # [S, T, A]
+    gaze: Tensor,  # [S, T, 6]
+    labels: Sequence[int],  # of each segment
+    intensity: float,
+    seed: int,
+) -> Floats:  # [S, T, 256]
+    """One step at tau = N over whole segments; every emotion gets the same noise."""
+    rows = []
+    tau = torch.tensor([student.config.num_steps])
+    for index, label in enumerate(labels):
+        x = noise((1, audio.shape[1], student.config.expression_dim), 1000 * seed + index)
+        added = None
+        if zero is not None:
+            mixture = torch.zeros(1, len(LABELS))
+            mixture[0, label] = intensity
+            added = zero(mixture)
+        a, g = audio[index : index + 1], gaze[index : index + 1]
+        rows.append(student.unstandardise(student(x, tau, a, g, emotion=added))[0].numpy())
+    return np.stack(rows)
+
+
+def nearest(
+    said: Floats,  # [T, 256]
+    truths: Floats,  # [labels, T, 256]
+    region: Region,
+) -> int:
+    """The label whose truth is nearest, by the mean distance of the region's vertices."""
+    shown = region(said)
+    far = [np.linalg.norm(region(truth) - shown, axis=-1).mean() for truth in truths]
+    return int(np.argmin(far))
+
+
+def confusion(
+    said: Floats, truths: Floats, labels: Sequence[int], region: Region
+) -> Floats:  # [labels, labels], rows sum to 1 (asked for, nearest)
+    """said [S, T, 256], truths [S, labels, T, 256] and the label asked for in each segment."""
+    table = np.zeros((len(LABELS), len(LABELS)), np.float32)
+    for row, versions, label in zip(said, truths, labels, strict=True):
+        table[label, nearest(row, versions, region)] += 1
+    return table / np.maximum(table.sum(1, keepdims=True), 1)
+
+
+def lip_figures(
+    said: Sequence[Floats],  # draws of codes [S, T, 256]
+    truths: Floats,  # [S, T, 256]
+    phones: Sequence[NDArray[np.int64]],  # of each segment [T]
+    mesh: FaceMesh,
+) -> dict[str, float]:
+    """Lip sync, the share of closures that are kept, and r of the lips' opening."""
+    real_lips = [mesh.lips(row) for row in truths]
+    real = np.concatenate([mesh.marks.opening_mm(lips) for lips in real_lips])
+    closing = np.isin(np.concatenate(phones), CLOSING)
+    sync, shut, shut_of, r = list[float](), 0, 0, list[float]()
+    for codes in said:
+        lips = [mesh.lips(row) for row in codes]
+        sync += [mesh.marks.sync_error_mm(a, b) for a, b in zip(lips, real_lips, strict=True)]
+        opening = np.concatenate([mesh.marks.opening_mm(row) for row in lips])
+        found, total = metrics.closures(opening, real, closing)
+        shut, shut_of = shut + found, shut_of + total
+        r.append(metrics.best_shift(opening, real)[0])
+    figures = {"lip_sync_mm": float(np.mean(sync)), "opening_r": float(np.mean(r))}
+    return figures | ({"closure_recall": shut / shut_of} if shut_of else {})
+
+
+def largest_moves(codes: Floats, region: Region) -> Floats:  # [T, 256] -> [T - 1] mm
+    """The largest way of a vertex from each frame to the next."""
+    return np.linalg.norm(np.diff(region(codes), axis=0), axis=-1).max(1)

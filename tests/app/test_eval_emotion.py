@@ -1,0 +1,56 @@
+"""`livedrive eval emotion`: bars and tables of known figures, pictures of a known confusion."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app import emotion_pictures
+from app.emotion_figures import Seen
+from app.eval_emotion import make_bars, show
+from encoder.capture.emotion import LABELS
+
+FIGURES = {
+    "acted voice/zero convolutions/accuracy_face": 0.9,
+    "acted voice/zero convolutions/lip_sync_mm": 2.0,
+    "acted voice/zero convolutions/neutral_lip_sync_mm": 1.95,
+    "acted voice/zero convolutions/closure_recall": 0.80,
+    "acted voice/zero convolutions/neutral_closure_recall": 0.85,
+    "acted voice/fine-tuned/lip_sync_mm": 2.2,
+    "intensity_0_difference": 0.0,
+    "intensity_monotone_share": 0.9,
+    "switching_jump_over_normal": 0.8,
+    "emotion_cpu_ms_a_tick": 0.1,
+}
+
+
+def test_bars_hold_the_issue_s_limits() -> None:
+    bars = {bar["name"]: bar["ok"] for bar in make_bars(FIGURES, ["acted voice"])}
+    assert bars == {
+        "acted voice accuracy": True,
+        "acted voice lip sync over neutral's": True,
+        "acted voice closures lost": False,  # 5 points
+        "acted voice lip sync over fine-tuned": True,
+        "intensity_0_difference": True,
+        "intensity_monotone_share": False,
+        "switching_jump_over_normal": True,
+        "emotion_cpu_ms_a_tick": True,
+    }
+
+
+def test_a_row_that_lacks_a_figure_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    show({"acted voice": {"zero convolutions": {"accuracy_face": 0.912}}})
+    out = capsys.readouterr().out
+    assert "0.912" in out and "-" in out
+
+
+def test_pictures(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    table = np.eye(len(LABELS))
+    seen = {"acted voice": Seen(dict.fromkeys(("face", "upper", "lower"), table))}
+    emotion_pictures._confusions(tmp_path / "confusion.png", seen)  # noqa: SLF001
+    rows = [[np.full((224, 224, 3), 40 * k, np.uint8)] * 5 for k in range(3)]
+    emotion_pictures._sheet(tmp_path / "sheet.png", rows, ["a", "b", "c"])  # noqa: SLF001
+    assert Image.open(tmp_path / "sheet.png").size == (5 * 224, 3 * 224)
+    assert (tmp_path / "confusion.png").stat().st_size > 20_000

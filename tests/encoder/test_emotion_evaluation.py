@@ -1,0 +1,127 @@
+"""Judging emotions: truths that differ in the emotion alone, the nearest one, lips and jumps."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from encoder import emotion_evaluation as judging
+from encoder.capture import dataset
+from encoder.capture.channels import RIG_INDEX, RIG_NAMES
+from encoder.capture.emotion import EMOTIONS, LABELS
+from encoder.capture.motion import Style
+from encoder.capture.phones import PHONE_INDEX, Phone, pack_phones
+from encoder.capture.retold import retell
+from encoder.denoiser import PRESETS, Denoiser
+from encoder.judging import FaceMesh
+from encoder.metrics import LipMarks
+from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+
+UPPER = [RIG_INDEX[name] for name in RIG_NAMES if name.startswith(("brow", "eye"))]
+
+
+def clip(emotion: str, frames: int = 230) -> dataset.Clip:
+    """A voice that says "mama" again and again."""
+    phones = [Phone(("m", "aa")[k % 2], 0.2 * k, 0.2 * k + 0.2) for k in range(frames // 6)]
+    sound = 0.3 * np.sin(np.arange(frames * 1600) * 0.05)
+    rig, gaze = np.zeros((frames, len(RIG_NAMES))), np.tile([0.0, 0.0, 1.0], (frames, 2, 1))
+    labels = np.array([PHONE_INDEX[("m", "aa")[int(t / 6) % 2]] for t in range(frames)])
+    truth = "rules" if emotion == "neutral" else "emotional"
+    return dataset.make_clip(
+        sound, rig, gaze, labels, spans=pack_phones(phones), truth=truth, voice="x", split="test",
+        kind="freeform", emotion=emotion,
+    )  # fmt: skip
+
+
+def test_takes_are_told_again_with_nothing_changed_but_the_emotion() -> None:
+    motions = retell(clip("neutral"), Style(), None, 1.0, 7)
+    assert len(motions) == 1 + len(LABELS)
+    calm = motions[0]
+    for label, motion in zip(LABELS, motions[1:], strict=True):
+        assert np.array_equal(motion.gaze, calm.gaze)
+        added = (motion.rig - calm.rig).mean(0)
+        for name, weight in EMOTIONS[label].channels.items():
+            channel = RIG_INDEX.get(name, RIG_INDEX.get(f"{name}_L", 0))
+            if channel in UPPER and weight > 0.3:
+                assert added[channel] > 0.1, (label, name)
+    assert np.array_equal(retell(clip("neutral"), Style(), None, 1.0, 7)[3].rig, motions[3].rig)
+
+
+def test_held_out_sets(tmp_path: Path) -> None:
+    clips = [clip("neutral"), clip("sad"), clip("happy")]
+    shard = dataset.write_shard(tmp_path / "made_0000", clips, seed=[0, 0, 0])
+    other = dataset.write_shard(tmp_path / "grid", [clip("neutral")])
+    dataset.write_manifest(tmp_path, [shard, other], {})
+    acted = judging.acted(tmp_path, None, 0)  # type: ignore[arg-type]
+    assert [LABELS[told.label] for told in acted] == ["sad", "sad", "happy", "happy"]
+    neutral = judging.neutral(tmp_path, None, 5, 0)  # type: ignore[arg-type]
+    assert [told.label for told in neutral] == [-1]
+    assert neutral[0].rigs.shape == (1 + len(LABELS), 100, 53)
+    assert neutral[0].segment.gaze.shape == (100, 6)
+    assert judging.tracked(tmp_path, None, 5, 0) == []  # type: ignore[arg-type]
+
+
+def region(codes: np.ndarray) -> np.ndarray:
+    return codes[..., :30].reshape(*codes.shape[:-1], 10, 3)
+
+
+def test_the_nearest_truth_wins_and_confusions_add_up() -> None:
+    rng = np.random.default_rng(0)
+    truths = rng.standard_normal((10, 20, 256)).astype(np.float32)
+    said = np.stack([truths[3] + 0.1, truths[4], truths[7] + 0.1])
+    table = judging.confusion(said, np.stack([truths] * 3), [3, 3, 7], region)
+    assert table[3, 3] == table[3, 4] == 0.5 and table[7, 7] == 1
+    assert table.sum() == 2
+
+
+def test_codes_share_their_noise_and_differ_by_the_emotion() -> None:
+    torch.manual_seed(0)
+    model = Denoiser(PRESETS["debug"]).eval()
+    zero = ZeroConvs(ZeroConvConfig.of(model.config, LABELS))
+    audio, gaze = torch.randn(2, 8, 512), torch.randn(2, 8, 6)
+    plain = judging.codes(model, None, audio, gaze, [1, 2], 0.0, 0)
+    assert np.array_equal(judging.codes(model, zero, audio, gaze, [1, 2], 1.0, 0), plain)
+    torch.nn.init.normal_(zero.convs[-1].weight)  # type: ignore[arg-type]
+    felt = judging.codes(model, zero, audio, gaze, [1, 2], 1.0, 0)
+    other = judging.codes(model, zero, audio, gaze, [1, 3], 1.0, 0)
+    assert np.array_equal(felt[0], other[0]) and not np.array_equal(felt[1], other[1])
+    assert not np.array_equal(felt, plain)
+    assert np.array_equal(judging.codes(model, zero, audio, gaze, [1, 2], 0.0, 0), plain)
+
+
+def mouth(codes: np.ndarray) -> np.ndarray:
+    """Two corners and two centres; code 0 opens the lips, code 1 draws the corners apart."""
+    lips = np.zeros((*codes.shape[:-1], 4, 3), np.float32)
+    lips[..., 2, 1], lips[..., 3, 1] = codes[..., 0], 0
+    lips[..., 0, 0], lips[..., 1, 0] = 20 + codes[..., 1], -20
+    return lips
+
+
+MESH = FaceMesh(mouth, region, lambda c: c[..., 0], LipMarks((0, 1), (2, 3), np.array([[2, 3]])))
+
+
+def test_lips_are_judged_by_sync_and_closures() -> None:
+    truth = np.zeros((1, 100, 256), np.float32)
+    truth[..., 0] = 5
+    truth[:, 40:44, 0] = 0
+    phones = np.zeros(100, np.int64)
+    phones[40:44] = PHONE_INDEX["m"]
+    figures = judging.lip_figures([truth], truth, [phones], MESH)
+    assert figures == {
+        "lip_sync_mm": 0,
+        "opening_r": pytest.approx(1),
+        "closure_recall": 1,
+    }
+    ajar, smiling = truth + 2 * (np.arange(256) == 0), truth + 3 * (np.arange(256) == 1)
+    figures = judging.lip_figures([ajar.astype(np.float32)], truth, [phones], MESH)
+    assert figures["lip_sync_mm"] == pytest.approx(2) and figures["closure_recall"] == 0
+    figures = judging.lip_figures([smiling.astype(np.float32)], truth, [phones], MESH)
+    assert figures["lip_sync_mm"] == pytest.approx(3) and figures["closure_recall"] == 1
+
+
+def test_a_jump_is_seen() -> None:
+    codes = np.zeros((10, 256), np.float32)
+    codes[6:, 4] = 3
+    moves = judging.largest_moves(codes, region)
+    assert moves.argmax() == 5 and moves.max() == pytest.approx(3)
