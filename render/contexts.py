@@ -9,6 +9,7 @@ import ctypes.util
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from render import driver_threads
 from render.errors import InputError
 
 if TYPE_CHECKING:
@@ -99,6 +100,14 @@ def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) ->
         raise InputError(
             f"GL backend: expected one of {', '.join(BACKENDS)}, got {backend!r}; try auto"
         )
+    others = driver_threads.running()
+    context = _create(backend, size)
+    if context.software:
+        driver_threads.spread(driver_threads.running() - others)
+    return context
+
+
+def _create(backend: str, size: tuple[int, int]) -> GLContext:
     if backend == "egl":
         return _create_egl()
     if backend == "osmesa":

@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 from render import mesh_parts
 from render.surface import Surface, build
 from render.training.assembly import Assembly
+from render.training.teeth import fronts
 from render.training.visibility import seen, views
 from render.types import Gaussians
 
@@ -27,6 +28,7 @@ MATERIAL = {
 }
 REGION = {"narrow_face": 4.6, "lips": 2.0, "eyelids": 2.2, "brows": 1.35}  # factors on top
 MOUTH_BAG = 0.12
+TOOTH_FRONT, TOOTH_REST, TOOTH_WIDTH = 6.0, 0.5, 1.2  # density and width of teeth, factors
 LASH_COLOR = 0.05
 LASH_ALPHA = 0.08  # where the lash strips are more transparent, nothing is placed
 CANDIDATES = 8  # darts thrown a Gaussian kept
@@ -65,13 +67,16 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
     for region, factor in REGION.items():
         density[np.isin(face.faces, face.regions[region]).all(1)] *= factor
     density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
+    teeth = assembly.kinds == mesh_parts.TEETH
+    density[teeth] *= np.where(fronts(assembly), TOOTH_FRONT, TOOTH_REST)[teeth]
     density[assembly.kinds < 0] = 0
     for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
         inside = np.isin(face.faces, eye).all(1)
         density[inside & (corners[:, :, 2].mean(1) < face.neutral[eye, 2].mean() - 4)] = 0
     density *= count / (area * density).sum()
     triangles, barycentric = scatter(corners, normals, area, density, rng)
-    anchors = Anchors(triangles, barycentric, (WIDTH / np.sqrt(density[triangles])).astype("f4"))
+    widths = WIDTH / np.sqrt(density[triangles]) * np.where(teeth[triangles], TOOTH_WIDTH, 1)
+    anchors = Anchors(triangles, barycentric, widths.astype("f4"))
     anchors = _keep(anchors, lash_alpha(assembly, anchors) > LASH_ALPHA)
     return _keep(anchors, visible(assembly, anchors))
 

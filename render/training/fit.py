@@ -24,6 +24,7 @@ from render.training import people, splatter
 from render.training.anchors import Anchors, plain, uv
 from render.training.anchors import surface as make_surface
 from render.training.assembly import Assembly
+from render.training.resume import write
 from render.training.truth import Truth
 from render.types import Camera
 
@@ -61,7 +62,6 @@ class Studio:
 
     def __init__(self, assembly: Assembly, anchors: Anchors, truth: Truth, cache: Path) -> None:
         self._assembly, self._anchors, self._truth, self._cache = assembly, anchors, truth, cache
-        cache.mkdir(parents=True, exist_ok=True)
         face = assembly.face
         parts = build_parts(face.faces, face.uv_faces, face.uv, assembly.kinds)
         self._renderer = MeshRenderer(create_context(), parts)
@@ -90,7 +90,7 @@ class Studio:
             places = uv(self._assembly, self._anchors)
             colors = plain(self._assembly, self._anchors)
             made = textures.levels(kinds, places, colors, skin, eye)
-            np.save(path, np.rint(made * 255).astype(np.uint8))
+            write(path, lambda draft: np.save(draft, np.rint(made * 255).astype(np.uint8)))
         return np.load(path).astype(np.float32) / 255
 
     def view(self, index: int, rng: np.random.Generator) -> View:
@@ -145,7 +145,7 @@ def draw(view: View, levels: Floats, widths: Tensor, opacities: Tensor, mixing: 
 
 
 def run(studio: Studio, count: int, state: Path, steps: int, seed: int) -> Fitted:
-    """Fit for `steps` pictures; `state` is written every 50 steps and continued from."""
+    """Fit for `steps` pictures; `state` is written every 20 steps and continued from."""
     parameters = initial(studio)
     optimizer, done = VisibleAdam(parameters, RATES), 0
     if state.exists():
@@ -172,8 +172,9 @@ def run(studio: Studio, count: int, state: Path, steps: int, seed: int) -> Fitte
         losses.append(figures)
         psnr, unlike, pairs = np.mean(losses[-50:], 0)
         bar.set_postfix(psnr=f"{psnr:.2f}", unlike=f"{unlike:.4f}", pairs=f"{pairs:.0f}")
-        if step % 50 == 49 or step == steps - 1:
-            torch.save(optimizer.state(step + 1), state)
+        if step % 20 == 19 or step == steps - 1:
+            kept = optimizer.state(step + 1)
+            write(state, lambda draft, kept=kept: torch.save(kept, draft))
     settle(parameters, initial(studio), optimizer.seldom)
     return Fitted(*(value.detach().numpy() for value in unpack(parameters)))
 
@@ -214,7 +215,8 @@ def judge(
     square = ((picture - target) ** 2).mean()
     unlike = splatter.dissimilarity(picture, target).mean()
     loss = (picture - target).abs().mean() + 2.0 * square + 0.25 * unlike
-    return loss, (float(-10 * torch.log10(square + 1e-12)), float(unlike), float(pairs))
+    psnr = -10 * torch.log10(square.detach() + 1e-12)
+    return loss, (float(psnr), float(unlike.detach()), float(pairs))
 
 
 class VisibleAdam:

@@ -6,6 +6,7 @@ on the face changes. Held-out people and expressions judge it. Minutes on one co
 """
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
@@ -21,6 +22,7 @@ from render.coding import Coding
 from render.training import people
 from render.training.assembly import Assembly
 from render.training.face_data import SKIN_VERTICES
+from render.training.resume import write
 from render.training.truth import Truth
 
 Floats = NDArray[np.float32]
@@ -28,6 +30,8 @@ NUM_RIG = 55  # shapes of the rig and of the tongue
 KL_WEIGHT = 2e-4
 RATE = 2e-3
 BATCH, JUDGED = 12, 60
+SAVED_EVERY = 100  # steps
+MAPPED = 720  # expressions that the teeth learn their light from
 
 
 @dataclass(frozen=True)
@@ -82,10 +86,14 @@ def run(
     held_out: Examples,
     read_map: csr_array,  # [U, T]
     weights: Floats,  # [U] how much a vertex matters
+    state: Path,
     steps: int,
     seed: int,
 ) -> tuple[Networks, float]:
-    """Train; also the share of the held-out light's change that stays unexplained."""
+    """Train; also the share of the held-out light's change that stays unexplained.
+
+    `state` is written every SAVED_EVERY steps and continued from.
+    """
     coo = read_map.tocoo()
     read = torch.sparse_coo_tensor(
         torch.from_numpy(np.stack(coo.coords)),
@@ -103,8 +111,15 @@ def run(
     optimizer = torch.optim.AdamW(modules.parameters(), RATE, weight_decay=1e-4)
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, steps, pct_start=0.1)
     draw = torch.Generator().manual_seed(seed)
-    bar, recent = tqdm(range(steps), desc="networks", unit="step"), []
-    for _ in bar:
+    parts, done = {"modules": modules, "optimizer": optimizer, "schedule": schedule}, 0
+    if state.exists():
+        kept = torch.load(state, weights_only=True)
+        done = kept["done"]
+        draw.set_state(kept["draw"])
+        for name, part in parts.items():
+            part.load_state_dict(kept[name])
+    bar, recent = tqdm(range(done, steps), "networks", steps, unit="step", initial=done), []
+    for index in bar:
         rows = torch.randint(len(data.person), (BATCH,), generator=draw)
         loss, explained = step(made, data, rows, read, weight, draw)
         optimizer.zero_grad()
@@ -114,10 +129,25 @@ def run(
         schedule.step()
         recent.append(explained)
         bar.set_postfix(left=f"{np.mean(recent[-100:]):.3f}")
+        if (index + 1) % SAVED_EVERY == 0 or index == steps - 1:
+            kept = {name: part.state_dict() for name, part in parts.items()}
+            kept |= {"done": index + 1, "draw": draw.get_state()}
+            write(state, lambda draft, kept=kept: torch.save(kept, draft))
     with torch.no_grad():
         rows = torch.arange(len(held_out.person))[:JUDGED]
         left = step(made, held_out, rows, read, weight, None)[1]
     return made, left
+
+
+@torch.no_grad()
+def changes(made: Networks, data: Examples) -> Floats:  # [N, T, 2]
+    """The change of light on every texel, for the first expressions."""
+    still, out = data.neutral_code[None], []
+    for person, code in zip(data.person[:MAPPED], data.code[:MAPPED], strict=True):
+        biases = made.identity(data.identity[person][None])
+        change = made.light(code[None], biases) - made.light(still, biases)
+        out.append(change[0].flatten(1).T.numpy())
+    return np.array(out, np.float32)
 
 
 def step(

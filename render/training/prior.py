@@ -17,7 +17,8 @@ from render.decoder import NUM_RIG, Decoder
 from render.errors import InputError
 from render.training import anchors as places
 from render.training import assembly as assemblies
-from render.training import avatars, face_data, fit, learn, people, truth
+from render.training import avatars, face_data, fit, learn, people, teeth, truth
+from render.training.resume import write
 
 LICENCE = (
     "derived from the ICT Face Model Light (MIT, (c) 2020 USC Institute for Creative "
@@ -80,8 +81,13 @@ def run(
     held = truth.run(assembly, work / "people", held_seeds, size.poses, take, held_out=True)
     judged = learn.examples(assembly, held, coding, at, used)
     weight = vertex_weights(assembly, used)
-    nets, left = learn.run(examples, judged, at.read, weight, size.steps, seed)
+    state = work / "networks.state"
+    nets, left = learn.run(examples, judged, at.read, weight, state, size.steps, seed)
     tensors = prior_file.tensors(assembly, anchors, fitted, coding, nets, used)
+    rows = np.flatnonzero(np.isin(used, assembly.face.regions["teeth"]))
+    tensors |= teeth.light(
+        learn.changes(nets, examples), examples.light[: learn.MAPPED, rows].numpy(), rows
+    )
     kinds = assembly.kinds[anchors.triangles]
     tensors |= avatars.eyes(assembly, kinds, places.uv(assembly, anchors), fitted.mixing)
     common = {
@@ -107,8 +113,7 @@ def place(assembly: assemblies.Assembly, count: int, seed: int, path: Path) -> p
         z = np.load(path, allow_pickle=False)
         return places.Anchors(z["triangles"], z["barycentric"], z["scales"])
     made = places.place(assembly, count, seed)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(path, **vars(made))
+    write(path, lambda draft: np.savez(draft, **vars(made)))
     return made
 
 

@@ -14,6 +14,7 @@ from render.contexts import create_context
 from render.mesh_occlusion import Occlusion
 from render.training import expressions, people
 from render.training.assembly import Assembly
+from render.training.resume import write
 
 Floats = NDArray[np.float32]
 BATCH = 10  # people a file
@@ -38,7 +39,6 @@ def run(
     assembly: Assembly, out: Path, seeds: range, poses: int, take: Path | None, held_out: bool
 ) -> Truth:
     """Make what is missing, return everything."""
-    out.mkdir(parents=True, exist_ok=True)
     frames = expressions.real_take(take, assembly.face.rig_names, held_out)
     context = create_context()
     occlusion = Occlusion(context, assembly.solid)
@@ -50,9 +50,7 @@ def run(
             batch = range(start, min(start + BATCH, seeds.stop))
             parts = [_person(assembly, occlusion, seed, poses, frames) for seed in batch]
             arrays = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-            draft = path.with_suffix(".part.npz")
-            np.savez(draft, **arrays)  # pyright: ignore[reportArgumentType] (stub: any name may be allow_pickle)
-            draft.rename(path)
+            write(path, lambda draft, arrays=arrays: np.savez(draft, **arrays))
     context.close()
     loaded = [np.load(path, allow_pickle=False) for path in files]
     fields = ("seeds", "rig", "gaze", "seen")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from render import avatar, identity, ply, sheet
+from render import avatar, identity, ply, scan, sheet
 from render.contexts import GLContext
 from render.decoder import Decoder
 from render.errors import InputError
@@ -93,41 +93,54 @@ def test_bad_geometry_is_refused(maker, change, words, tmp_path: Path):
     path = tmp_path / "g.npz"
     np.savez(path, vertices=damaged(change))
     with pytest.raises(InputError, match=words):
-        avatar.read_geometry(path, maker.faces)
+        scan.read_geometry(path, maker.faces)
 
 
 @pytest.mark.parametrize("factor", [0.1, 0.001])
 def test_centimetres_and_metres_become_millimetres(maker, factor):
     geometry = identity.load("ben").geometry
-    scaled = avatar.check_geometry(geometry * np.float32(factor), maker.faces, "g")
+    scaled = scan.check_geometry(geometry * np.float32(factor), maker.faces, "g")
     np.testing.assert_allclose(scaled, geometry, atol=1e-3)
+
+
+def test_an_obj_keeps_the_order_of_its_vertices(maker, tmp_path: Path):
+    geometry, path = identity.load("ben").geometry, tmp_path / "head.OBJ"
+    rows = [f"v {x / 10} {y / 10} {z / 10} 0.5 0.5 0.5" for x, y, z in geometry.tolist()]
+    path.write_text("\n".join(["# in centimetres", *rows, "vt 0 0", "f 1/1 2/1 3/1"]))
+    np.testing.assert_allclose(scan.read_geometry(path, maker.faces), geometry, atol=1e-3)
+    path.write_text("v 1 2 x")
+    with pytest.raises(InputError, match="expected lines 'v x y z'"):
+        scan.read_geometry(path, maker.faces)
+    path.write_text("v 1 2 3")
+    with pytest.raises(InputError, match=r"expected vertices \[26719, 3\]"):
+        scan.read_geometry(path, maker.faces)
 
 
 def test_files_that_are_no_geometry_are_refused(maker, tmp_path: Path):
     path = tmp_path / "g.npz"
     path.write_bytes(b"no zip")
     with pytest.raises(InputError, match="expected an npz file"):
-        avatar.read_geometry(path, maker.faces)
+        scan.read_geometry(path, maker.faces)
     np.savez(path, points=np.zeros(3))
     with pytest.raises(InputError, match="expected an array 'vertices', got points"):
-        avatar.read_geometry(path, maker.faces)
+        scan.read_geometry(path, maker.faces)
 
 
 def test_textures_are_resized_or_refused(tmp_path: Path):
     path = tmp_path / "t.png"
     Image.new("RGB", (1024, 512), (200, 150, 120)).save(path)
-    assert avatar.read_texture(path).shape == (1024, 2048, 3)
+    assert scan.read_texture(path).shape == (1024, 2048, 3)
     Image.new("RGB", (1024, 1024)).save(path)
     with pytest.raises(InputError, match=r"expected 2048 x 1024 .* got 1024 x 1024"):
-        avatar.read_texture(path)
+        scan.read_texture(path)
     Image.new("RGBA", (1024, 512), (200, 150, 120, 255)).save(path)
-    assert avatar.read_texture(path).shape == (1024, 2048, 3)  # opaque alpha says nothing
+    assert scan.read_texture(path).shape == (1024, 2048, 3)  # opaque alpha says nothing
     Image.new("RGBA", (1024, 512), (200, 150, 120, 90)).save(path)
     with pytest.raises(InputError, match="expected an opaque texture"):
-        avatar.read_texture(path)
+        scan.read_texture(path)
     path.write_bytes(b"no picture")
     with pytest.raises(InputError, match="expected a picture"):
-        avatar.read_texture(path)
+        scan.read_texture(path)
 
 
 def test_an_unknown_eye_names_the_others(maker, skin):

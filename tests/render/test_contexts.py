@@ -66,3 +66,22 @@ def test_window_without_a_screen_points_to_xvfb():
     environment = {k: v for k, v in os.environ.items() if k not in screens}
     done = run_window(dict(environment, PYTHONPATH=str(ROOT)))
     assert "InputError" in done.stderr and "xvfb-run" in done.stderr
+
+
+def test_threads_of_a_software_driver_share_the_cpus_in_two_halves():
+    script = (
+        "import os; from render.contexts import create_context\n"
+        "from render.driver_threads import running\n"
+        "before = running(); context = create_context('egl'); new = sorted(running() - before)\n"
+        "assert context.software and new, (context.renderer, new)\n"
+        "sets = [frozenset(os.sched_getaffinity(t)) for t in new]\n"
+        "cpus = os.sched_getaffinity(0)\n"
+        "if len(cpus) > 1:\n"
+        "    assert len(set(sets)) == 2 and sets[0] | sets[1] == cpus, sets\n"
+        "assert os.sched_getaffinity(0) == cpus\n"
+        "context.close()\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0, done.stderr
