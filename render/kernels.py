@@ -79,6 +79,35 @@ def paint(
 
 
 @njit(cache=True, nogil=True)
+def nearest_first(
+    bits: NDArray[np.uint32],  # [N] of depths, which sort like the floats they are: all positive
+    hidden: np.uint32,  # those from here on are left out
+    order: NDArray[np.uint32],  # -> [N] indices, nearest first, equal ones as they come
+    work: NDArray[np.uint32],  # [N]
+) -> int:  # how many
+    """A radix sort of three times 11 bits: half the time of numpy's."""
+    counts = np.zeros((3, 2049), np.uint32)
+    total = 0
+    for i in range(len(bits)):
+        key = bits[i]
+        if key < hidden:
+            work[total] = i
+            total += 1
+            for digit in range(3):
+                counts[digit, np.uintp((key >> (11 * digit)) & 2047) + 1] += 1
+    source, target = work, order
+    for digit in range(3):
+        places = np.cumsum(counts[digit])
+        for n in range(total):
+            i = source[n]
+            place = np.uintp((bits[i] >> (11 * digit)) & 2047)
+            target[places[place]] = i
+            places[place] += 1
+        source, target = target, source
+    return total
+
+
+@njit(cache=True, nogil=True)
 def count_tiles(
     boxes: NDArray[np.uint32],  # [M, 2 or more] tiles: x0 | y0 << 16, x1 | y1 << 16
     rows: NDArray[np.uint8],  # [M, 8] left out << 4 | reached, or WHOLE

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from render import kernels
 from render.storage import GrowingBuffer, splat_shader
 from render.types import Camera, Gaussians
 
@@ -29,6 +30,7 @@ class Projector:
         self.splats, self._depth_buffer, self._box_buffer = (GrowingBuffer(gl) for _ in range(3))
         self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
         self.boxes = np.empty((0, 4), np.uint32)  # [N] tiles: x0 | y0 << 16, x1 | y1 << 16, rows
+        self._order = self._work = np.empty(0, np.uint32)
         self._uploaded: Gaussians | None = None  # one upload serves both eyes
         self.dropped = 0  # Gaussians of the last run that no picture can show
 
@@ -41,6 +43,7 @@ class Projector:
         n = len(gaussians)
         if n != len(self._depths):
             self._depths, self.boxes = np.empty(n, np.float32), np.empty((n, 4), np.uint32)
+            self._order, self._work = np.empty(n, np.uint32), np.empty(n, np.uint32)
         if n == 0:
             self.dropped = 0
             return np.empty(0, np.uint32)
@@ -66,7 +69,10 @@ class Projector:
         self._depth_buffer.read(self._depths)
         self._box_buffer.read(self.boxes)
         self.dropped = int(np.count_nonzero(self._depths == BROKEN))
-        return depth_order(self._depths)
+        count = kernels.nearest_first(
+            self._depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._work
+        )
+        return self._order[:count]
 
     def read_splats(self) -> U32:
         """The packed splats [N, 4] of the last run, in the order of the Gaussians."""
@@ -74,12 +80,3 @@ class Projector:
         if len(splats):
             self.splats.read(splats)
         return splats
-
-
-def depth_order(depths: NDArray[np.float32]) -> U32:
-    """Indices [M] of the visible splats, nearest first; equal depths in index order."""
-    # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
-    keys = depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
-    keys |= np.arange(len(keys), dtype=np.uint64)
-    keys = np.sort(keys[depths < HIDDEN])
-    return keys.astype(np.uint32)

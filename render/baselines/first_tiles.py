@@ -61,6 +61,15 @@ class Projector:
         self._rect_buffer.read(self.rects)
 
 
+def depth_order(depths: NDArray[np.float32]) -> U32:
+    """Indices [M] of the visible splats, nearest first; equal depths in index order."""
+    # Positive floats sort like their bits; a sort of 64-bit keys is stable and beats argsort.
+    keys = depths.view(np.uint32).astype(np.uint64) << np.uint64(32)
+    keys |= np.arange(len(keys), dtype=np.uint64)
+    keys = np.sort(keys[depths < HIDDEN])
+    return keys.astype(np.uint32)
+
+
 def sort_by_tile(order: U32, rects: NDArray[np.uint16], size: tuple[int, int]) -> tuple[U32, U32]:
     """All (tile, splat) pairs, by tile and then by depth.
 

@@ -5,6 +5,8 @@ would show grey teeth, one brighter than the next. The light on a tooth follows 
 (lips, jaw, tongue): a linear regression on a few texels of the map says it, for every vertex.
 """
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +35,7 @@ def light(
     maps: Floats,  # [N, T, 2] change of light that the decoder draws, by expression
     truth: Floats,  # [N, M, 2] change of light on the teeth's vertices
     rows: NDArray[np.integer],  # [M] of the used vertices
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, NDArray[Any]]:
     """For the prior's file: texels [TEXELS], and weights [M, TEXELS] that predict every vertex.
 
     Greedy (orthogonal matching pursuit): each texel is the one that explains most of what is left.
