@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
-from render.projector import FIELDS, TILE_PX, U32, depth_order
+from render.projector import FIELDS, HIDDEN, TILE_PX, U32
 from render.storage import GrowingBuffer
 from render.types import Camera, Gaussians
 
