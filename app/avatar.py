@@ -94,7 +94,7 @@ class Create:
 
     name: Positional[str]
     geometry: Path
-    """npz with `vertices` [26719, 3] in the topology of the face data; mm, cm or m."""
+    """npz with `vertices` [26719, 3], or OBJ, in the topology of the face data; mm, cm or m."""
     texture: Path
     """Skin atlas: face in the left half, back of the head in the right; 2:1, opaque."""
     eye: str = "brown"
@@ -107,7 +107,7 @@ class Create:
     def run(self) -> None:
         from dataclasses import replace
 
-        from render import avatar, identity, weights_file
+        from render import avatar, identity, scan, weights_file
         from render.wig import transfer
 
         if not self.name.replace("-", "").replace("_", "").isalnum() or len(self.name) > 32:
@@ -116,8 +116,8 @@ class Create:
             raise InputError(f"name: expected {NAME}, got {self.name!r}; choose another")
         lender = identity.load(self.hair) if self.hair else None
         maker = avatar.Maker()
-        geometry = avatar.read_geometry(self.geometry, maker.faces)
-        skin = avatar.read_texture(self.texture)
+        geometry = scan.read_geometry(self.geometry, maker.faces)
+        skin = scan.read_texture(self.texture)
         who = maker.identity(self.name, geometry, skin, self.eye)
         if lender:
             who = replace(who, hair=transfer(lender, who))

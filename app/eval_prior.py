@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 VIEW_YAW_DEG, VIEW_PITCH_DEG = 30.0, 15.0
 NUM_CODES, NUM_AVATARS = 200, 8
+NUM_GAZES = 5  # of each person
 TIMED_FRAMES = 60
 
 
@@ -133,8 +134,9 @@ def held_out(judge: "Judge", command: EvalPrior) -> tuple[dict[str, float], list
             rows.append(
                 np.concatenate([reference, picture, difference.clip(0, 255).astype("u1")], 1)
             )
-        yaw, pitch = rng.uniform(-20, 20), rng.uniform(-12, 12)
-        found.setdefault("gaze_error", []).append(judge.gaze_error_deg(who, yaw, pitch))
+        for _ in range(NUM_GAZES):
+            yaw, pitch = rng.uniform(-20, 20), rng.uniform(-12, 12)
+            found.setdefault("gaze_error", []).append(judge.gaze_error_deg(who, yaw, pitch))
     metrics = {name: float(np.mean(values)) for name, values in found.items() if "_error_" in name}
     metrics |= {name: float(np.mean(found[name])) for name in ("face_psnr_db", "face_ssim")}
     metrics["face_psnr_worst_db"] = min(found["face_psnr_db"])

@@ -50,7 +50,7 @@ def run(
             batch = range(start, min(start + BATCH, seeds.stop))
             parts = [_person(assembly, occlusion, seed, poses, frames) for seed in batch]
             arrays = {k: np.concatenate([p[k] for p in parts]) for k in parts[0]}
-            write(path, lambda draft, arrays=arrays: np.savez(draft, **arrays))
+            write(path, lambda draft, arrays=arrays: np.savez(draft, **arrays))  # pyright: ignore[reportArgumentType] (stub: any name may be allow_pickle)
     context.close()
     loaded = [np.load(path, allow_pickle=False) for path in files]
     fields = ("seeds", "rig", "gaze", "seen")
