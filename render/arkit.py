@@ -26,7 +26,7 @@ NAMES = sorted([*(f"{n}{s}" for n in _SIDED for s in ("Left", "Right")), *_SINGL
 
 
 def matrix(rig_names: list[str]) -> Floats:  # [52, 53]
-    """rig = arkit @ matrix; back: arkit = rig @ pinv(matrix), the mean of split sides."""
+    """rig = arkit @ matrix; back, split sides give their mean."""
     out = np.zeros((len(NAMES), len(rig_names)), np.float32)
     for row, name in enumerate(NAMES):
         sided = name.removesuffix("Left") + "_L" if name.endswith("Left") else ""
@@ -47,8 +47,8 @@ def to_rig(arkit: Floats, rig_names: list[str]) -> Floats:  # [..., 52] -> [...,
 
 
 def from_rig(rig: Floats, rig_names: list[str]) -> Floats:  # [..., 53] -> [..., 52]
-    back = np.linalg.pinv(matrix(rig_names)).astype(np.float32)
-    return rig.astype(np.float32) @ back
+    forth = matrix(rig_names)
+    return rig.astype(np.float32) @ (forth / np.maximum(forth.sum(1, keepdims=True), 1)).T
 
 
 def read_live_link(path: Path) -> Floats:  # [T, 52]

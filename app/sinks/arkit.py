@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.sinks.sink import FrameResult, RunInfo
+from render import arkit as shapes
 from render.decoder import Decoder
 from sensors.types import FPS, InputError
 
@@ -26,7 +27,6 @@ ARKIT_NAMES = (
     *("noseSneerLeft", "noseSneerRight", "tongueOut"),
 )
 FULL_YAW_DEG, FULL_PITCH_DEG = 30.0, 25.0  # gaze at which an eyeLook channel reaches 1
-_SIDES = {"Left": "L", "Right": "R"}
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _EXTRA = [f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in _ANGLES]
 
@@ -43,24 +43,12 @@ def arkit(
     rig_names: list[str],
 ) -> NDArray[np.float32]:  # [T, 52] 0..1, in the order of ARKIT_NAMES
     """Named blendshapes; the eyeLook channels follow the gaze, the tongue is never out."""
+    out = shapes.from_rig(rig, rig_names)[:, [shapes.NAMES.index(name) for name in ARKIT_NAMES]]
     angles = np.degrees(gaze_angles(gaze)) / [FULL_YAW_DEG, FULL_PITCH_DEG]
-    out = np.zeros((len(rig), len(ARKIT_NAMES)), np.float32)
-    for column, name in enumerate(ARKIT_NAMES):
-        side = next((s for s in _SIDES if name.endswith(s)), None)
-        stem = name.removesuffix(side) if side else name
-        sided = f"{stem}_{_SIDES[side]}" if side else name
-        if stem.startswith("eyeLook"):
-            eye = 0 if side == "Left" else 1
-            inward = -angles[:, eye, 0] if eye == 0 else angles[:, eye, 0]
-            up = angles[:, eye, 1]
-            out[:, column] = {"In": inward, "Out": -inward, "Up": up, "Down": -up}[stem[7:]]
-        elif sided in rig_names:
-            out[:, column] = rig[:, rig_names.index(sided)]
-        elif name in rig_names:  # jawLeft, mouthRight: not one of a pair
-            out[:, column] = rig[:, rig_names.index(name)]
-        elif f"{name}_L" in rig_names:  # browInnerUp, cheekPuff: one channel for both sides
-            pair = [rig_names.index(f"{name}_{s}") for s in "LR"]
-            out[:, column] = rig[:, pair].mean(1)
+    for eye, (side, outward) in enumerate((("Left", 1), ("Right", -1))):
+        yaw, up = outward * angles[:, eye, 0], angles[:, eye, 1]
+        for part, value in {"In": -yaw, "Out": yaw, "Up": up, "Down": -up}.items():
+            out[:, ARKIT_NAMES.index(f"eyeLook{part}{side}")] = value
     return out.clip(0, 1)
 
 
