@@ -31,11 +31,6 @@ INFO = RunInfo(64, 64, TICKS)
 
 
 @pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
-@pytest.fixture(scope="module")
 def results(decoder: Decoder) -> list[FrameResult]:
     """Faces with every channel moving, and eyes that look in all directions."""
     rng = np.random.default_rng(3)

@@ -18,11 +18,6 @@ from sensors.types import FPS, NS, SAMPLES_PER_FRAME, InputError, SensorFrame
 AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def result(index: int, code: np.ndarray, picture: np.ndarray | None = None) -> FrameResult:
     t_ns = (index + 1) * NS // FPS
     sound = 0.3 * np.sin(np.arange(SAMPLES_PER_FRAME, dtype=np.float32) * 0.05)

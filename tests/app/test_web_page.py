@@ -7,34 +7,16 @@ from typing import Any
 import numpy as np
 import pytest
 from browser import SPY, chromium, headset, open_page, screenshot
-from web_client import AVATAR, Talker, psnr, serving, wait_until
+from web_client import Talker, psnr, serving, wait_until
 
-from render import cameras, identity
+from render import cameras
 from render.cameras import DEFAULT_BACKGROUND
 from render.decoder import Decoder
 from render.identity import Identity
-from render.renderer import create_renderer
 from render.types import Camera, Renderer
 
 ROOT = Path(__file__).parents[2]
 SIZE = 256
-
-
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
-@pytest.fixture(scope="module")
-def who() -> Identity:
-    return identity.load(AVATAR)
-
-
-@pytest.fixture(scope="module")
-def renderer() -> Iterator[Renderer]:
-    made = create_renderer()
-    yield made
-    made.close()
 
 
 @pytest.fixture(scope="module")

@@ -1,19 +1,23 @@
 """A web server to talk to, and what its clients need: ticks that are known, sockets, pictures."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from contextlib import asynccontextmanager, contextmanager
 from time import monotonic, sleep
 
+import aiohttp
 import numpy as np
 from numpy.typing import NDArray
 
 from app.sinks.sink import FrameResult, RunInfo
+from app.web.cloud import CloudReader
 from app.web.info import ServerInfo
 from app.web.sink import WebSink
 from encoder.driver import DrivenFrame
+from render import cameras
 from render.decoder import Decoder
 from render.identity import Identity
-from render.types import Gaussians
+from render.types import Gaussians, Renderer
 from sensors.clock import MonotonicClock
 from sensors.types import FPS, NS, SensorFrame
 
@@ -85,3 +89,41 @@ def psnr(one: NDArray[np.uint8], other: NDArray[np.uint8]) -> float:
     """Of two pictures of equal size, in dB."""
     error = np.mean((one[..., :3].astype(float) - other[..., :3].astype(float)) ** 2)
     return float(10 * np.log10(255**2 / max(error, 1e-12)))
+
+
+@asynccontextmanager
+async def socket_to(
+    talker: Talker, path: str, **options: object
+) -> AsyncIterator[aiohttp.ClientWebSocketResponse]:
+    async with (
+        aiohttp.ClientSession() as session,
+        session.ws_connect(talker.address.split("?")[0] + path, **options) as ws,  # type: ignore[arg-type]
+    ):
+        yield ws
+
+
+def play(work: Callable[[], Awaitable[None]]) -> None:
+    async def limited() -> None:
+        async with asyncio.timeout(PATIENCE_S):
+            await work()
+
+    asyncio.run(limited())
+
+
+def draw(renderer: Renderer, gaussians: Gaussians, size: int = 256) -> np.ndarray:
+    renderer.draw(gaussians, cameras.portrait(size, size))
+    return renderer.read_rgba().copy()
+
+
+def expect_the_head_at_once(talker: Talker) -> None:
+    """A page that comes now."""
+    talker.tick()
+
+    async def work() -> None:
+        async with socket_to(talker, "head", max_msg_size=0) as ws:
+            reader = CloudReader()
+            for _ in range(2):
+                reader.read(await ws.receive_bytes())
+            assert reader.frame == talker.index
+
+    play(work)

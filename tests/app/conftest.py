@@ -1,0 +1,29 @@
+"""What many tests of the app share: the decoder, one person, a renderer."""
+
+from collections.abc import Iterator
+
+import pytest
+from web_client import AVATAR
+
+from render import identity
+from render.decoder import Decoder
+from render.identity import Identity
+from render.renderer import create_renderer
+from render.types import Renderer
+
+
+@pytest.fixture(scope="session")
+def decoder() -> Decoder:
+    return Decoder.load()
+
+
+@pytest.fixture(scope="session")
+def who() -> Identity:
+    return identity.load(AVATAR)
+
+
+@pytest.fixture(scope="module")
+def renderer() -> Iterator[Renderer]:
+    made = create_renderer()
+    yield made
+    made.close()
