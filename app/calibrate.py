@@ -117,12 +117,13 @@ def collect(
     ]
 
 
-def _arrays(rows: list[Any]) -> tuple[Any, Any, Any]:
-    """(reading or None, fresh [2]) of each frame -> gaze [T, 2, 3], lids [T, 2], good [T, 2]."""
-    gaze = np.zeros((len(rows), 2, 3), np.float32)
+def _arrays(rows: list[Any]) -> tuple[Any, Any, Any, Any]:
+    """(reading or None, fresh [2]) of each frame -> gaze and relative gaze [T, 2, 3], lids [T, 2],
+    good [T, 2]."""
+    gaze, relative = np.zeros((2, len(rows), 2, 3), np.float32)
     lids, good = np.zeros((len(rows), 2), np.float32), np.zeros((len(rows), 2), np.bool_)
     for t, (reading, fresh) in enumerate(rows):
         if reading is not None:
-            gaze[t], lids[t] = reading.gaze, reading.lids
+            gaze[t], relative[t], lids[t] = reading.gaze, reading.relative, reading.lids
             good[t] = fresh & (reading.score > 0.5)
-    return gaze, lids, good
+    return gaze, relative, lids, good

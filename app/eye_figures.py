@@ -28,11 +28,15 @@ def calibrated(encoder: "EyeEncoder", clip: "Clip") -> "EyeCalibration":
     takes: list[Take] = []
     for target, pictures in clip.routine:
         rows = [encoder(pair) for pair in pictures]
-        gaze, lids = np.stack([r.gaze for r in rows]), np.stack([r.lids for r in rows])
+        gaze, relative, lids = (
+            np.stack([getattr(r, name) for r in rows]) for name in ("gaze", "relative", "lids")
+        )
         unseen = np.zeros((SETTLE, 2), np.bool_)  # the frames in which the eyes arrive
         good = np.concatenate([unseen, np.stack([r.score for r in rows]) > 0.5])
-        gaze = np.concatenate([np.repeat(gaze[:1], SETTLE, 0), gaze])
-        takes.append(Take(target, gaze, np.concatenate([unseen.astype(np.float32), lids]), good))
+        before = np.repeat(gaze[:1], SETTLE, 0)
+        gaze, relative = (np.concatenate([before, rows]) for rows in (gaze, relative))
+        lids = np.concatenate([unseen.astype(np.float32), lids])
+        takes.append(Take(target, gaze, relative, lids, good))
     return fit(takes)[0]
 
 
@@ -48,7 +52,10 @@ def encoder_figures(encoder: "EyeEncoder", clips: "Sequence[Clip]") -> Figures:
         lids, calibration = np.stack([r.lids for r in rows]), calibrated(encoder, clip)
         gaze = np.stack([joined(r.gaze, r.lids, r.score) for r in rows])
         moved = np.stack(
-            [joined(calibration.apply(r.gaze, r.lids)[0], r.lids, r.score) for r in rows]
+            [
+                joined(calibration.apply(r.gaze, r.relative, r.lids)[0], r.lids, r.score)
+                for r in rows
+            ]
         )
         seen = clip.lids > OPEN_ENOUGH
         plain.append(angle_deg(gaze, clip.gaze)[seen])

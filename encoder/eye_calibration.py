@@ -20,7 +20,7 @@ from encoder.eye_network import unit
 from sensors.types import FPS, InputError
 
 Array = NDArray[np.float32]
-FORMAT = 1
+FORMAT = 2  # 1 had no relative gaze
 SETTLE = FPS // 2  # frames that eyes take to arrive at a new target; not used
 MIN_FRAMES = 8  # good ones at a target
 RIDGE = 0.02  # pulls the map to the identity; gaze of 11 degrees has a square of 0.04
@@ -59,7 +59,10 @@ ROUTINE = (
 
 @dataclass(frozen=True)
 class EyeCalibration:
-    """xy' = matrix xy + shift of each eye's gaze; lid' = (lid - shut) / (open - shut)."""
+    """xy' = matrix xy + shift of each eye's gaze; lid' = (lid - shut) / (open - shut).
+
+    A fitted eye maps its relative gaze, the others the encoder's guess of the absolute one.
+    """
 
     matrix: tuple[tuple[tuple[float, float], tuple[float, float]], ...] = (
         ((1.0, 0.0), (0.0, 1.0)),
@@ -67,17 +70,19 @@ class EyeCalibration:
     shift: tuple[tuple[float, float], ...] = ((0.0, 0.0),) * 2
     shut: tuple[float, float] = (0.0, 0.0)
     open: tuple[float, float] = (1.0, 1.0)
+    relative: tuple[bool, bool] = (False, False)
     _arrays: tuple[Array, ...] = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        values = (self.matrix, self.shift, self.shut, self.open)
+        values = (self.matrix, self.shift, self.shut, self.open, self.relative)
         arrays = tuple(np.asarray(value, np.float32) for value in values)
         object.__setattr__(self, "_arrays", arrays)
 
-    def apply(self, gaze: Array, lids: Array) -> tuple[Array, Array]:
-        """gaze [2, 3], lids [2] -> the same of this person."""
-        matrix, shift, shut, wide = self._arrays
-        xy = (matrix @ gaze[:, :2, None])[..., 0] + shift
+    def apply(self, gaze: Array, relative: Array, lids: Array) -> tuple[Array, Array]:
+        """gaze and relative gaze [2, 3], lids [2] of an EyeReading -> gaze, lids of this person."""
+        matrix, shift, shut, wide, fitted = self._arrays
+        seen = np.where(fitted[:, None] > 0, relative[:, :2], gaze[:, :2])
+        xy = (matrix @ seen[..., None])[..., 0] + shift
         return unit(xy), np.clip((lids - shut) / (wide - shut), 0, 1).astype(np.float32)
 
     def recentred(self, gaze: Array) -> EyeCalibration:
@@ -87,13 +92,14 @@ class EyeCalibration:
         return replace(self, shift=_tuples(shift))
 
     def to_json(self) -> dict[str, Any]:
-        names = ("matrix", "shift", "shut", "open")
+        names = ("matrix", "shift", "shut", "open", "relative")
         return {"format": FORMAT, **{name: getattr(self, name) for name in names}}
 
     @staticmethod
     def from_json(words: Mapping[str, Any], where: str) -> EyeCalibration:
         """Checked in shape and size; InputError of one line otherwise."""
         shapes = {"matrix": (2, 2, 2), "shift": (2, 2), "shut": (2,), "open": (2,)}
+        shapes["relative"] = (2,)
         try:
             arrays = {name: np.asarray(words[name], np.float64) for name in shapes}
             good = words.get("format") == FORMAT and all(
@@ -107,7 +113,9 @@ class EyeCalibration:
                 f"eye calibration {where}: expected format {FORMAT} with {', '.join(shapes)}, got "
                 "another; run `livedrive calibrate` again"
             )
-        return EyeCalibration(**{name: _tuples(array) for name, array in arrays.items()})
+        fitted = arrays.pop("relative") > 0
+        values = {name: _tuples(array) for name, array in arrays.items()}
+        return EyeCalibration(**values, relative=(bool(fitted[0]), bool(fitted[1])))
 
     def save(self, path: Path) -> None:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -135,6 +143,7 @@ class Take:
 
     target: Target
     gaze: Array  # [T, 2, 3]
+    relative: Array  # [T, 2, 3]
     lids: Array  # [T, 2]
     good: NDArray[np.bool_]  # [T, 2] the eye was seen
 
@@ -142,33 +151,32 @@ class Take:
 def fit(takes: Sequence[Take]) -> tuple[EyeCalibration, list[str]]:
     """Takes of a routine -> calibration, and what was refused and why, in words."""
     refused: list[str] = []
-    matrix, shift, shut, wide = ([*value] for value in _identity())
+    matrix, shift, shut, wide, _ = ([*value] for value in EyeCalibration()._arrays)
+    relative = [False, False]
     for eye, name in enumerate(("left", "right")):
         fitted = _fit_gaze(takes, eye)
         if fitted is None:
             refused.append(f"gaze of the {name} eye: no better than without")
         else:
             matrix[eye], shift[eye] = fitted
+            relative[eye] = True
         lid = _fit_lid(takes, eye)
         if lid is None:
             refused.append(f"lid of the {name} eye: shut and open could not be told apart")
         else:
             shut[eye], wide[eye] = lid
     values = (_tuples(np.asarray(value)) for value in (matrix, shift, shut, wide))
-    return EyeCalibration(*values), refused
-
-
-def _identity() -> tuple[Array, ...]:
-    return EyeCalibration()._arrays
+    return EyeCalibration(*values, relative=(relative[0], relative[1])), refused
 
 
 def _fit_gaze(takes: Sequence[Take], eye: int) -> tuple[Array, Array] | None:
     """Ridge regression from the medians at the targets; None unless it is better and moderate."""
-    seen, wanted = [], []
+    seen, guessed, wanted = [], [], []
     for take in takes:
         good = take.good[SETTLE:, eye]
         if take.target.name == "look" and good.sum() >= MIN_FRAMES:
-            seen.append(np.median(take.gaze[SETTLE:, eye, :2][good], 0))
+            seen.append(np.median(take.relative[SETTLE:, eye, :2][good], 0))
+            guessed.append(np.median(take.gaze[SETTLE:, eye, :2][good], 0))
             wanted.append(take.target.direction[:2])
     if len(seen) < 3:
         return None
@@ -178,7 +186,7 @@ def _fit_gaze(takes: Sequence[Take], eye: int) -> tuple[Array, Array] | None:
     change = np.linalg.solve(away.T @ away + RIDGE * np.eye(2), away.T @ (y - x)).T
     matrix = np.eye(2) + change
     shift = y.mean(0) - matrix @ middle
-    before = np.linalg.norm(y - x, axis=1).mean()
+    before = np.linalg.norm(y - np.array(guessed), axis=1).mean()
     after = np.linalg.norm(y - (x @ matrix.T + shift), axis=1).mean()
     moderate = np.abs(change).max() <= MAX_CHANGE and np.abs(shift).max() <= MAX_SHIFT
     if not moderate or not after < before:

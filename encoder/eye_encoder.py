@@ -60,6 +60,7 @@ class EyeReading(NamedTuple):
     gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it: see `joined`
     lids: Array  # [2] opening: 0 shut .. 1 open
     score: Array  # [2] 0..1: is this the right eye, seen by a working camera? 0: a flat picture
+    relative: Array  # [2, 3] gaze but for a constant of the wearer: what calibration maps
 
 
 class EyeEncoder:
@@ -72,6 +73,7 @@ class EyeEncoder:
         weights = {name: np.asarray(array, np.float32) for name, array in weights.items()}
         self.config = config
         self._session = session(eye_model(config, weights))
+        self._relative = weights["relative"]
         self._maps = [
             (weights[f"synthesis.{i}.weight"].T.copy(), weights[f"synthesis.{i}.bias"])
             for i in (0, 2)
@@ -89,7 +91,9 @@ class EyeEncoder:
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
         score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
         xy = np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1)
-        return EyeReading(features, unit(xy), lids, score.astype(np.float32))
+        relative = features @ self._relative[:-1] + self._relative[-1]
+        relative[:, :1] *= MIRROR
+        return EyeReading(features, unit(xy), lids, score.astype(np.float32), unit(relative))
 
     def synthesise(
         self,

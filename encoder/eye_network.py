@@ -91,6 +91,7 @@ class EyeNet(nn.Module):
 
     subject_spread: Tensor
     frame_spread: Tensor
+    relative: Tensor
 
     def __init__(self, config: EyeNetConfig) -> None:
         super().__init__()
@@ -115,6 +116,9 @@ class EyeNet(nn.Module):
         # how real features scatter about it: a constant of each subject, and frame by frame
         self.register_buffer("subject_spread", torch.zeros(config.features, config.features))
         self.register_buffer("frame_spread", torch.zeros(config.features, config.features))
+        # Features -> gaze, right but for a constant of the wearer, for calibration to map: in one
+        # picture a lower gaze and a higher camera look alike, so `heads` shrinks what it sees.
+        self.register_buffer("relative", torch.zeros(config.features + 1, 2))
 
     def forward(self, x: Tensor) -> EyeOutputs:  # [B, 1, 100, 100] of `normalised`
         for conv, norm, (_, _, stride) in zip(

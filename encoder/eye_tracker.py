@@ -116,7 +116,7 @@ class EyeTracker:
         """The person's own gaze and lids, of the eyes that are seen; the features move along."""
         features, gaze, lids = reading.features, reading.gaze, reading.lids
         if calibration is not None:
-            gaze, lids = calibration.apply(gaze, lids)
+            gaze, lids = calibration.apply(gaze, reading.relative, lids)
             before = self.encoder.synthesise(reading.gaze, reading.lids)
             moved = (self.encoder.synthesise(gaze, lids) - before).astype(np.float32)
             features = _bounded(features + moved)

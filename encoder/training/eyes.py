@@ -21,6 +21,8 @@ from encoder.training.eye_pictures import EyePictures, augmented, standard
 
 TRUTH = "made by rules; pictures rendered by the capture stage"
 OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+NEAR = 0.35  # sines up to which relative gaze is fitted: 20 degrees
+RELATIVE_RIDGE = 10.0
 TEST_SHARE = 10  # every tenth subject is never trained on
 
 
@@ -87,6 +89,7 @@ def run(config: EyesConfig) -> dict[str, float]:
     )
     net.eval()
     fit_spreads(net, train)
+    fit_relative(net, train)
     if len(test.lids):
         metrics |= judge(net, test)
     card = {
@@ -115,10 +118,7 @@ def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
 
     Cameras sit still: what moving and lighting the pictures adds counts as a subject's constant.
     """
-    people = np.unique(data.subject)
-    share = min(1.0, count / len(data.lids))
-    kept = people[np.linspace(0, len(people) - 1, max(1, int(share * len(people)))).astype(int)]
-    chosen = np.flatnonzero(np.isin(data.subject, kept))  # all that there is of some
+    chosen = _some_people(data, count)
     gaze, rig = torch.from_numpy(data.gaze[chosen]), torch.from_numpy(data.rig[chosen])
     expected = net.synthesise(gaze, rig).numpy()
     subject = data.subject[chosen]
@@ -135,6 +135,34 @@ def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
         values, vectors = np.linalg.eigh(covariance)
         root = vectors * np.sqrt(np.maximum(values, 0))
         buffer.copy_(torch.from_numpy(root @ vectors.T))
+
+
+@torch.no_grad()
+def fit_relative(net: EyeNet, data: EyePictures, count: int = 24_000) -> None:
+    """Least squares of how gaze differs from the mean of the same eye, on how features do."""
+    data = data.where(_some_people(data, count))
+    eye = 2 * data.subject + np.arange(len(data.lids)) % 2
+    seen = (data.lids > OPEN_ENOUGH) & (np.abs(data.gaze).max(1) < NEAR)
+    pictures, gaze = data.pictures[seen], data.gaze[seen].astype(np.float64)
+    features = predict(net, standard(torch.from_numpy(pictures).float()))[0].astype(np.float64)
+    _, place, sizes = np.unique(eye[seen], return_inverse=True, return_counts=True)
+
+    def centred(rows: np.ndarray) -> np.ndarray:
+        means = np.stack([np.bincount(place, c) / sizes for c in rows.T], 1)
+        return rows - means[place]
+
+    x, y = centred(features), centred(gaze)
+    weight = np.linalg.solve(x.T @ x + RELATIVE_RIDGE * np.eye(x.shape[1]), x.T @ y)
+    bias = (gaze - features @ weight).mean(0)
+    net.relative.copy_(torch.from_numpy(np.concatenate([weight, bias[None]])))
+
+
+def _some_people(data: EyePictures, count: int) -> np.ndarray:
+    """[n] bool: all that there is of as many people as make `count` pictures."""
+    people = np.unique(data.subject)
+    share = min(1.0, count / len(data.lids))
+    kept = np.linspace(0, len(people) - 1, max(1, int(share * len(people)))).astype(int)
+    return np.isin(data.subject, people[kept])
 
 
 def judge(net: EyeNet, data: EyePictures) -> dict[str, float]:

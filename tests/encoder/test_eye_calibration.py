@@ -23,11 +23,13 @@ def takes(
         xy = gain * target.direction[:2] + [shift, -shift / 2]
         gaze = np.tile(xy, (frames, 2, 1)) + rng.normal(0, noise, (frames, 2, 2))
         gaze[:10] += 0.2  # the eyes have not arrived
+        guess = unit(0.5 * gaze)  # what the encoder says of anybody
         lids = np.full((frames, 2), wide)
         if target.name == "close":
             lids[12:] = shut
         lids = lids + rng.normal(0, 0.02, lids.shape)
-        result.append(Take(target, unit(gaze), lids.astype(np.float32), np.ones((frames, 2), bool)))
+        good = np.ones((frames, 2), bool)
+        result.append(Take(target, guess, unit(gaze), lids.astype(np.float32), good))
     return result
 
 
@@ -35,8 +37,8 @@ def error(calibration: EyeCalibration, rows: list[Take]) -> float:
     gaps = []
     for take in rows:
         if take.target.name == "look":
-            for gaze, lids in zip(take.gaze[20:], take.lids[20:], strict=True):
-                gaps.append(calibration.apply(gaze, lids)[0] - take.target.direction)
+            for seen in zip(take.gaze[20:], take.relative[20:], take.lids[20:], strict=True):
+                gaps.append(calibration.apply(*seen)[0] - take.target.direction)
     return float(np.degrees(np.linalg.norm(gaps, axis=-1).mean()))
 
 
@@ -50,30 +52,39 @@ def test_undoes_a_persons_map() -> None:
     calibration, refused = fit(rows)
     assert not refused
     assert error(EyeCalibration(), rows) > 3 and error(calibration, rows) < 1.2
-    _, lids = calibration.apply(rows[0].gaze[0], np.array([0.25, 0.8], np.float32))
+    ahead = rows[0].gaze[0]
+    _, lids = calibration.apply(ahead, ahead, np.array([0.25, 0.8], np.float32))
     assert lids[0] < 0.05 and lids[1] > 0.95
 
 
 def test_refuses_what_does_not_help() -> None:
     rng = np.random.default_rng(0)
     wild = [
-        Take(t.target, unit(rng.normal(0, 0.4, t.gaze.shape[:2] + (2,))), t.lids, t.good)
+        Take(t.target, t.gaze, unit(rng.normal(0, 0.4, t.gaze.shape[:2] + (2,))), t.lids, t.good)
         for t in takes(shut=0.7)
     ]
     calibration, refused = fit(wild)
     lids = [words for words in refused if words.startswith("lid")]
     assert len(lids) == 2 and calibration.shut == (0.0, 0.0) and calibration.open == (1.0, 1.0)
-    far = [Take(t.target, unit(t.gaze[..., :2] * -1.0 + 0.5), t.lids, t.good) for t in takes()]
+    far = [
+        Take(t.target, t.gaze, unit(t.relative[..., :2] * -1.0 + 0.5), t.lids, t.good)
+        for t in takes()
+    ]
     calibration, refused = fit(far)
     assert len(refused) == 2 and calibration.matrix == EyeCalibration().matrix
 
 
 def test_an_eye_that_was_not_seen_stays_as_it_is() -> None:
-    rows = [Take(t.target, t.gaze, t.lids, t.good & np.array([True, False])) for t in takes()]
+    blind = np.array([True, False])
+    rows = [Take(t.target, t.gaze, t.relative, t.lids, t.good & blind) for t in takes()]
     calibration, refused = fit(rows)
     identity = EyeCalibration()
     assert calibration.matrix[1] == identity.matrix[1] and calibration.shut[1] == 0
     assert calibration.matrix[0] != identity.matrix[0] and len(refused) == 2
+    assert calibration.relative == (True, False)
+    guess, relative = unit(np.array([[[0.1, 0], [0.1, 0]], [[0.3, 0], [0.3, 0]]]))
+    shown, _ = calibration.apply(guess, relative, np.ones(2, np.float32))
+    assert shown[1, 0] == guess[1, 0] and shown[0, 0] > 0.2  # an unfitted eye shows the guess
     assert fit([])[0] == identity
 
 
@@ -81,14 +92,14 @@ def test_perfect_eyes_are_left_nearly_alone() -> None:
     rows = takes(gain=1, shift=0, noise=1e-4, shut=0, wide=1)
     calibration, _ = fit(rows)
     gaze = unit(np.array([[0.2, 0.1], [0.2, 0.1]]))
-    assert np.abs(calibration.apply(gaze, np.ones(2, np.float32))[0] - gaze).max() < 0.005
+    assert np.abs(calibration.apply(gaze, gaze, np.ones(2, np.float32))[0] - gaze).max() < 0.005
 
 
 def test_recentring() -> None:
     calibration = EyeCalibration(matrix=(((0.9, 0.0), (0.0, 1.1)),) * 2)
     raw = unit(np.array([[0.12, -0.1], [0.18, -0.1]]))
-    shown, lids = calibration.apply(raw, np.ones(2, np.float32))
-    centred, _ = calibration.recentred(shown).apply(raw, lids)
+    shown, lids = calibration.apply(raw, raw, np.ones(2, np.float32))
+    centred, _ = calibration.recentred(shown).apply(raw, raw, lids)
     assert np.abs(centred.mean(0)[:2]).max() < 1e-4
     assert centred[0, 0] < 0 < centred[1, 0]  # they still converge as before
 
@@ -100,11 +111,11 @@ def test_saved_calibration_comes_back(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "words", ["", "[]", "{}", '{"format": 1, "matrix": [[1]], "shift": 0, "shut": 0, "open": 1}',
-              '{"format": 1, "matrix": [[[1,0],[0,1]],[[1,0],[0,1]]], "shift": [[0,0],[0,NaN]], '
-              '"shut": [0,0], "open": [1,1]}',
-              '{"format": 1, "matrix": [[[1,0],[0,1]],[[1,0],[0,1]]], "shift": [[0,0],[0,0]], '
-              '"shut": [1,0], "open": [1,1]}'],
+    "words", ["", "[]", "{}", '{"format": 2, "matrix": [[1]], "shift": 0, "shut": 0, "open": 1}',
+              '{"format": 2, "matrix": [[[1,0],[0,1]],[[1,0],[0,1]]], "shift": [[0,0],[0,NaN]], '
+              '"relative": [1,1], "shut": [0,0], "open": [1,1]}',
+              '{"format": 2, "matrix": [[[1,0],[0,1]],[[1,0],[0,1]]], "shift": [[0,0],[0,0]], '
+              '"relative": [1,1], "shut": [1,0], "open": [1,1]}'],
 )  # fmt: skip
 def test_bad_files_are_one_line(words: str, tmp_path: Path) -> None:
     (tmp_path / "eyes.json").write_text(words)

@@ -34,7 +34,7 @@ def readings(frames: int, seed: int = 1) -> list[EyeReading]:
     """Consistent ones: features are what the encoder's own map says of the gaze."""
     lids, score = np.ones(2, np.float32), np.ones(2, np.float32)
     return [
-        EyeReading(ENCODER.synthesise(gaze, lids), gaze, lids, score)
+        EyeReading(ENCODER.synthesise(gaze, lids), gaze, lids, score, gaze)
         for gaze in looks(frames, seed)
     ]
 
@@ -131,7 +131,9 @@ def test_no_jump_whenever_an_eye_is_lost() -> None:
     rows = readings(3000)
     good = np.repeat(rng.random((300, 2)) < 0.6, 10, axis=0)
     seen, _ = follow(list(rows), good)
-    largest = max(step_deg(both_of(rows)).max(), step_deg(GRAPH.gaze.reshape(-1, 2, 3)[:2000]).max())
+    largest = max(
+        step_deg(both_of(rows)).max(), step_deg(GRAPH.gaze.reshape(-1, 2, 3)[:2000]).max()
+    )
     assert step_deg(gaze_of(seen)).max() <= largest
     features = np.array([s.features for s in seen])
     jumps = np.abs(np.diff(features, axis=0)).max()
@@ -196,7 +198,9 @@ def test_calibration_moves_gaze_and_features() -> None:
     track = tracker()
     seen, _ = track.step(reading, BOTH, track.init_state(shifted))
     assert np.abs(seen.gaze[:, 0] - both_of([reading])[0, :, 0] - 0.1).max() < 1e-5
-    expected = ENCODER.synthesise(shifted.apply(reading.gaze, reading.lids)[0], seen.lids)
+    expected = ENCODER.synthesise(
+        shifted.apply(reading.gaze, reading.relative, reading.lids)[0], seen.lids
+    )
     assert np.abs(seen.features - expected).max() < 1e-4
 
 
@@ -205,7 +209,7 @@ def test_what_is_personal_differs_from_eye_to_eye() -> None:
     wrong = EyeCalibration(shift=((0.1, 0.02), (-0.06, -0.1)))
     right = EyeCalibration(shift=((-0.1, -0.02), (0.06, 0.1)))
     reading, lids = readings(1)[0], np.float32([1, 0.2])
-    bent = reading._replace(gaze=wrong.apply(reading.gaze, reading.lids)[0])
+    bent = reading._replace(gaze=wrong.apply(reading.gaze, reading.gaze, reading.lids)[0])
     for row in (bent, bent._replace(lids=lids)):
         track = tracker()
         seen, _ = track.step(row, BOTH, track.init_state(right))

@@ -150,3 +150,26 @@ def test_spreads_are_those_of_the_features(folder: Path) -> None:
     whole = net.frame_spread.clone()
     eyes.fit_spreads(net, data, count=24)  # of two people all frames, not of everybody one
     assert net.frame_spread.trace() > 0.5 * whole.trace()
+
+
+def test_relative_gaze_is_right_but_for_a_constant_of_the_eye(folder: Path) -> None:
+    """Of features that mix gaze with where each camera sits."""
+    rng, net = np.random.default_rng(0), EyeNet(PRESETS["debug"]).eval()
+    data = EyePictures.load(folder)
+    side = np.arange(120) % 2
+    gaze = rng.uniform(-0.3, 0.3, (120, 2)).astype(np.float32)
+    cameras = rng.normal(0, 0.3, (10, 2, 2))[data.subject, side]
+    mixed = np.concatenate([gaze + cameras, rng.normal(0, 1, (120, 78))], 1).astype(np.float32)
+
+    def told(_: EyeNet, x: torch.Tensor) -> list[np.ndarray]:
+        return [mixed[: len(x)]]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(eyes, "predict", told)
+        seen = replace(data, gaze=gaze, lids=np.ones(120, np.float32))
+        patch.setattr(eyes, "RELATIVE_RIDGE", 1e-3)
+        eyes.fit_relative(net, seen)
+    weight = net.relative.numpy()
+    off = mixed @ weight[:-1] + weight[-1] - gaze
+    spread = [off[(data.subject == s) & (side == k)].std(0) for s in range(10) for k in (0, 1)]
+    assert np.max(spread) < 0.01 and off.std() > 0.1 and np.abs(off.mean(0)).max() < 1e-3
