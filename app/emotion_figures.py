@@ -108,12 +108,11 @@ class Judgement:
         truths = self.decoder.encode(np.stack([take.rigs for take, _ in asked]))
         own = np.stack([rows[1 + label] for rows, label in zip(truths, labels, strict=True)])
         phones = [segment.phones for segment in segments]
-        # each model is judged by the truth that it ought to show
         figures = lip_figures(said, own, phones, self.mesh)
-        base = lip_figures(calm, truths[:, 0], phones, self.mesh)
-        figures |= {f"neutral_{name}": value for name, value in base.items()}
-        crossed = lip_figures(calm, own, phones, self.mesh)  # who wears no emotion where one is due
-        figures["neutral_lip_sync_to_emotional_truth_mm"] = crossed["lip_sync_mm"]
+        # the neutral model on the same truth, and on the one that it was trained to show
+        for prefix, truth in (("neutral", own), ("neutral_own", truths[:, 0])):
+            base = lip_figures(calm, truth, phones, self.mesh)
+            figures |= {f"{prefix}_{name}": value for name, value in base.items()}
         tables = {
             name: np.mean([confusion(rows, truths[:, 1:], labels, region) for rows in said], 0)
             for name, region in self.regions.items()

@@ -36,7 +36,7 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "lookahead": {"regression": {"lookahead": 5}},  # 167 ms
     "no-dmd": {"distill": {"dmd_weight": 0.0}},
-    "fine-tune": {"emotion": {"fine_tune": True, "rate": 1e-4}},
+    "fine-tune": {"emotion": {"fine_tune": True, "rate": 5e-4}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 

@@ -23,6 +23,8 @@ from encoder.training.emotion_streams import EmotionStreams
 from encoder.training.geometry import Face, velocity_loss
 from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 
+NEAR_MM = 2.0  # a gap of the inner lips; a smaller one is about to be a closure
+SHUT_WEIGHT = 6.0  # closures are rare, and a hair's breadth undoes them
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
     "a neutral one"
@@ -72,10 +74,13 @@ def face_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
 def lip_loss(codes: Tensor, neutral: Tensor, face: EmotionFace) -> Tensor:
     """L_lip: codes [B, T, 256] of both models -> mm^2.
 
-    The gaps between the inner lips, which closures are made of, and the lips' motion from frame to
-    frame. Where the lips are is left to L_face, else there would be no smile.
+    The gaps between the inner lips, most of all where they are shut, and the lips' motion from
+    frame to frame. Where the lips are is left to L_face, else there would be no smile.
     """
-    gap = (face.gaps(codes) - face.gaps(neutral)).square().sum(-1).mean()
+    gaps = face.gaps(neutral)
+    shut = 1 - gaps[..., 1].mean(-1).abs() / NEAR_MM  # 1: the lips touch
+    weight = 1 + SHUT_WEIGHT * shut.clamp(min=0)
+    gap = ((face.gaps(codes) - gaps).square().sum(-1).mean(-1) * weight).mean()
     lips = [face.lips.vertices(x) for x in (codes, neutral)]
     return gap + velocity_loss(lips[0], lips[1], face.lips.weights)
 
