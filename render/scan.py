@@ -69,7 +69,10 @@ def read_geometry(path: Path, faces: NDArray[np.int32]) -> Floats:
     except (ValueError, OSError, EOFError, BadZipFile) as error:
         if isinstance(error, FileNotFoundError):
             raise
-        raise InputError(f"{path}: expected an npz file, got {error}; save it again") from None
+        text = "another kind of file" if "pickle" in str(error) else error
+        raise InputError(
+            f"{path}: expected an npz or OBJ file, got {text}; save it again"
+        ) from None
     return check_geometry(vertices, faces, str(path))
 
 

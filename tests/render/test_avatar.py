@@ -119,7 +119,7 @@ def test_an_obj_keeps_the_order_of_its_vertices(maker, tmp_path: Path):
 def test_files_that_are_no_geometry_are_refused(maker, tmp_path: Path):
     path = tmp_path / "g.npz"
     path.write_bytes(b"no zip")
-    with pytest.raises(InputError, match="expected an npz file"):
+    with pytest.raises(InputError, match="expected an npz or OBJ file, got another kind of file"):
         scan.read_geometry(path, maker.faces)
     np.savez(path, points=np.zeros(3))
     with pytest.raises(InputError, match="expected an array 'vertices', got points"):
