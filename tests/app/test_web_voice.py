@@ -1,6 +1,5 @@
 """Sound through Chromium drives the head exactly as the same sound in a session does."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,7 +23,8 @@ from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, SensorFrame
 
 SMOKE = Path(__file__).parents[2] / "recordings" / "smoke" / "audio.wav"
 SECONDS = 2
-ENOUGH = 15  # frames of speech that must come through unbroken, however busy the machine
+ENOUGH = 15  # frames of speech that must come through unbroken in one of ...
+ATTEMPTS = 4  # ... these
 
 
 @pytest.fixture
@@ -51,37 +51,46 @@ def codes(driver: Driver, frames: list[SensorFrame]) -> np.ndarray:
     return np.array(out)
 
 
-@pytest.mark.skipif(
-    "LIVEDRIVE_VOICE_TEST" not in os.environ,
-    reason="fails when the machine stalls the browser's sound; LIVEDRIVE_VOICE_TEST=1 runs it",
-)
 def test_a_wav_before_the_pages_microphone_drives_the_head_as_in_a_session(
     pulse: PulseServer, driver: Driver, tmp_path: Path
 ) -> None:
     speech = soundfile.read(SMOKE, dtype="float32", frames=SECONDS * SAMPLE_RATE)[0]
     wav = np.rint(speech * 32767).astype(np.int16)
-    live = listen(pulse, wav)
-    heard = np.concatenate([frame.audio for frame in live])
     # Chromium's floats: a positive full scale is 32767, a negative one 32768.
     scale = np.where(wav > 0, np.float32(1 / 32767), np.float32(1 / 32768))
     expected = wav.astype(np.float32) * scale
-    start = place(heard, expected)
+    for _ in range(ATTEMPTS):
+        live = listen(pulse, wav)
+        start, whole = unbroken(live, expected)
+        if whole - start // SAMPLES_PER_FRAME >= ENOUGH:
+            break
+    else:
+        pytest.fail(f"{ENOUGH} frames did not come through in {ATTEMPTS} attempts")
     path = tmp_path / "same.wav"
     same = np.concatenate([np.zeros(start, np.float32), expected])
     soundfile.write(path, same, SAMPLE_RATE, subtype="FLOAT")
     session.create(tmp_path / "session", path)
     with Recording(tmp_path / "session") as recording:
         recorded = list(session.replay_frames(recording))
-    # All sound up to the first difference: a busy machine may lose some, and says so.
+    np.testing.assert_array_equal(codes(driver, live[:whole]), codes(driver, recorded[:whole]))
+    assert np.ptp(codes(driver, live[:whole])[:, :256], axis=0).max() > 0.05  # it did speak
+
+
+def unbroken(live: list[SensorFrame], wav: np.ndarray) -> tuple[int, int]:
+    """Where the wav starts, in samples, and how many whole frames come before a first loss.
+
+    A busy machine may lose sound on its way through player, sound server and browser, where no page
+    can tell; what is lost from the page on is the matter of test_web_sound.py.
+    """
+    heard = np.concatenate([frame.audio for frame in live])
+    start = place(heard, wav)
+    if start < 0:
+        return 0, 0
+    same = np.concatenate([np.zeros(start, np.float32), wav])
     count = min(len(heard), len(same))
     differ = np.flatnonzero(heard[:count] != same[:count])
     first = int(differ[0]) if len(differ) else count
-    if len(differ):
-        assert live[first // SAMPLES_PER_FRAME].audio_gap
-    whole = first // SAMPLES_PER_FRAME
-    assert whole >= start // SAMPLES_PER_FRAME + ENOUGH
-    np.testing.assert_array_equal(codes(driver, live[:whole]), codes(driver, recorded[:whole]))
-    assert np.ptp(codes(driver, live[:whole])[:, :256], axis=0).max() > 0.05  # it did speak
+    return start, first // SAMPLES_PER_FRAME
 
 
 def listen(pulse: PulseServer, wav: np.ndarray) -> list[SensorFrame]:
@@ -121,10 +130,11 @@ def listen(pulse: PulseServer, wav: np.ndarray) -> list[SensorFrame]:
 
 
 def place(heard: np.ndarray, wav: np.ndarray) -> int:
-    """Where in `heard` the first sample of `wav` lies: its first 10 ms that are not silent."""
+    """Where in `heard` the first sample of `wav` lies, found by its first 10 ms of sound; or -1."""
     mark = int(np.flatnonzero(np.abs(wav) > 0.02)[0])
     starts = np.flatnonzero(heard == wav[mark])
     found = [k for k in starts if np.array_equal(heard[k : k + 480], wav[mark : mark + 480])]
-    assert found, "the wav was not heard"
+    if not found:
+        return -1
     assert not heard[: int(found[0]) - mark].any()  # nothing but silence before it
     return int(found[0]) - mark
