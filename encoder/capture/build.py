@@ -12,6 +12,7 @@ from encoder.capture import mocap, real, voices
 from encoder.capture.contacts import LipGeometry
 from encoder.capture.languages import TEXTS
 from encoder.capture.made import Take, language_takes, subject_takes
+from sensors.types import InputError
 
 LINES_A_SUBJECT = 120  # of one real voice; each subject of it moves in another style
 TEST_SHARE = 28 / 265  # as the paper
@@ -106,6 +107,11 @@ def _mocap_plans(folder: Path, seed: int) -> list[Plan]:
                 )
     if (folder / "facegood" / "names.txt").is_file():
         result.append(Plan("facegood", "facegood", (seed, 3, 99), folder=str(folder / "facegood")))
+    if not result:
+        raise InputError(
+            f"mocap folder {folder}: expected */labels.npz or facegood/names.txt, found neither; "
+            "check --mocap"
+        )
     return result
 
 

@@ -14,6 +14,7 @@ from encoder.capture.channels import RIG_NAMES, TONGUE_NAMES, from_arkit
 from sensors.types import FPS, InputError
 
 MAX_GAP_S = 0.5  # curves are interpolated over shorter gaps
+_RATES = (24.0, 25.0, 30.0, 60.0)
 _TIMECODE = re.compile(r"^(\d+):(\d+):(\d+)[:;](\d+)(?:\.(\d+))?$")
 
 
@@ -48,7 +49,7 @@ def read_livelink(path: Path) -> Take:
     if "Timecode" not in header or "JawOpen" not in header:
         raise InputError(
             f"{path}: expected a Live Link Face CSV with the columns Timecode and JawOpen, "
-            f"got {', '.join(header[:4]) or 'an empty file'}; export the take as CSV again"
+            f"got {', '.join(header[:4])[:60] or 'an empty file'}; export the take as CSV again"
         )
     wanted = {_pascal(name) for name in _arkit_names()}
     columns = [k for k, name in enumerate(header) if name in wanted]
@@ -62,12 +63,13 @@ def read_livelink(path: Path) -> Take:
     times, weights = [], []
     for number, row in enumerate(rows[1:], 2):
         try:
-            weights.append([float(row[k]) for k in columns])
+            weights.append([_weight(row[k]) for k in columns])
             times.append(_parse_timecode(row[header.index("Timecode")]))
-        except (ValueError, IndexError):
+        except (ValueError, IndexError) as error:
+            got = f"{len(row)} columns" if isinstance(error, IndexError) else repr(str(error))
             raise InputError(
-                f"{path}: line {number}: expected a timecode and {len(header)} numbers, "
-                f"got {','.join(row)[:60]!r}; repair or delete that line"
+                f"{path}: line {number}: expected a timecode and {len(columns)} weights of 0-1, "
+                f"got {got}; repair or delete that line"
             ) from None
     values = np.clip(np.array(weights, np.float32), 0, 1)
     names = [_camel(header[k]) for k in columns]
@@ -80,7 +82,7 @@ def _checked_times(path: Path, frames: np.ndarray) -> np.ndarray:
         raise InputError(
             f"{path}: expected at least 2 rows of motion, got {len(frames)}; record anew"
         )
-    rate = _rate(frames[:, 1])
+    rate = _rate(path, frames[:, 1])
     times = frames[:, 0] + frames[:, 1] / rate
     steps = np.diff(times)
     if (steps < -1e-6).any():
@@ -103,9 +105,28 @@ def _checked_times(path: Path, frames: np.ndarray) -> np.ndarray:
     return times - times[0]
 
 
-def _rate(frames: np.ndarray) -> float:
-    """The timecode's frames a second: 30 or 60, from the highest frame number seen."""
-    return 60.0 if frames.max() >= 30 else 30.0
+def _rate(path: Path, frames: np.ndarray) -> float:
+    """The timecode's frames a second, from the highest frame number seen."""
+    highest = int(frames.max())
+    if highest >= max(_RATES):
+        raise InputError(
+            f"{path}: expected timecodes of 24-60 frames a second, got frame number {highest}; "
+            "check the export's frame rate"
+        )
+    # what lasts less than a second may not reach its last number: then the phone's own rates
+    rates = _RATES if len(frames) > 60 else (30.0, 60.0)
+    return min(rate for rate in rates if rate > highest)
+
+
+def _weight(text: str) -> float:
+    """A weight; ValueError where it is none. Trackers overshoot 0..1 a little."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise ValueError(text) from None
+    if not -0.5 <= value <= 1.5:
+        raise ValueError(text)
+    return value
 
 
 def _parse_timecode(text: str) -> tuple[float, float]:

@@ -10,6 +10,7 @@ with their sound; they come one frame late.
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 import soundfile
@@ -60,7 +61,13 @@ FACEGOOD_MAP: dict[str, dict[str, float]] = {
 
 def read_audio(path: Path) -> np.ndarray:
     """[n] float32 mono at 48 kHz."""
-    audio, rate = soundfile.read(path, dtype="float32", always_2d=True)
+    try:
+        audio, rate = soundfile.read(path, dtype="float32", always_2d=True)
+    except (soundfile.LibsndfileError, OSError):
+        got = "something else" if Path(path).is_file() else "no such file"
+        raise InputError(
+            f"{path}: expected a sound file, got {got}; give a wav, flac or ogg"
+        ) from None
     return soxr.resample(audio.mean(1), rate, SAMPLE_RATE).astype(np.float32)
 
 
@@ -88,13 +95,28 @@ def _speaker_curves(weights: np.ndarray, names: list[str]) -> np.ndarray:
     return mouth.reshape(*weights.shape[:2], len(RIG_NAMES))
 
 
-def grid_speakers(folder: Path) -> list[str]:
-    """The speakers of a GRID folder; raise InputError when it is none."""
+def _labels(folder: Path) -> dict[str, np.ndarray]:
+    """labels.npz of a GRID folder; raise InputError when it is none."""
     path = Path(folder) / "labels.npz"
     if not path.is_file():
         raise InputError(f"GRID folder {folder}: expected labels.npz, found none; check the path")
-    with np.load(path, allow_pickle=False) as data:
-        return sorted({str(s) for s in data["speakers"]}) if "speakers" in data else ["s1"]
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            labels = dict(data)
+    except (OSError, ValueError, BadZipFile):
+        labels = {}
+    missing = [name for name in ("weights", "names", "clips", "fps") if name not in labels]
+    if missing:
+        raise InputError(
+            f"{path}: expected the arrays weights, names, clips and fps, missing "
+            f"{', '.join(missing)}; copy the file again"
+        )
+    return {"speakers": np.array(["s1"] * len(labels["clips"])), **labels}
+
+
+def grid_speakers(folder: Path) -> list[str]:
+    """The speakers of a GRID folder; raise InputError when it is none."""
+    return sorted({str(s) for s in _labels(folder)["speakers"]})
 
 
 def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Take]:
@@ -104,10 +126,10 @@ def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Ta
     Outside the words the mouth fades to rest: the tracker's open lips there are breathing.
     """
     folder, rng = Path(folder), np.random.default_rng(seed)
-    with np.load(folder / "labels.npz", allow_pickle=False) as data:
-        weights, names = data["weights"], [str(name) for name in data["names"]]
-        clips, fps = [str(clip) for clip in data["clips"]], int(data["fps"])
-        speakers = [str(s) for s in data["speakers"]] if "speakers" in data else ["s1"] * len(clips)
+    data = _labels(folder)
+    weights, names = data["weights"], [str(name) for name in data["names"]]
+    clips, fps = [str(clip) for clip in data["clips"]], int(data["fps"])
+    speakers = [str(s) for s in data["speakers"]]
     spans = _words(folder)
     chosen = [i for i, name in enumerate(speakers) if name == speaker]
     test = {clips[i] for i in chosen[-50:]} if len(set(speakers)) == 1 else set[str]()

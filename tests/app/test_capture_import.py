@@ -80,6 +80,25 @@ def test_bad_takes_say_what_is_wrong(tmp_path):
         read_livelink(path)
 
 
+@pytest.mark.parametrize(("value", "got"), [("nan", "'nan'"), ("7.5", "'7.5'"), ("", "''")])
+def test_a_weight_is_a_number_of_0_to_1(tmp_path, value, got):
+    path = write_take(tmp_path / "t.csv")
+    row = path.read_text().splitlines()[11].split(",")
+    with pytest.raises(InputError, match=f"line 12: .*weights of 0-1, got {got}"):
+        read_livelink(spoil(path, 11, ",".join([*row[:-1], value])))
+
+
+@pytest.mark.parametrize("rate", [24, 25, 30, 60])
+def test_timecodes_of_every_rate_run_evenly(tmp_path, rate):
+    path = write_take(tmp_path / "t.csv", rows=150)
+    lines = path.read_text().splitlines()
+    for k, line in enumerate(lines[1:]):
+        code = f"10:00:{k // rate:02d}:{k % rate:02d}.000"
+        lines[k + 1] = ",".join([code, *line.split(",")[1:]])
+    path.write_text("\n".join(lines))
+    np.testing.assert_allclose(np.diff(read_livelink(path).times), 1 / rate, atol=1e-6)
+
+
 def test_sound_shorter_than_the_curves_is_refused(tmp_path):
     take, sound = write_take(tmp_path / "a.csv"), write_sound(tmp_path / "a.wav", 1.5)
     with pytest.raises(InputError, match=r"expected at least the 3.0 s of a.csv, got 1.5 s"):
