@@ -95,12 +95,13 @@ class Judgement:
         """Each take in its own emotion, or, where the voice is neutral, in all ten."""
         from encoder.capture.emotion import LABELS
         from encoder.emotion_evaluation import codes, confusion, lip_figures
+        from encoder.training.emotion_streams import ACTED_STRENGTH, SWELL
 
         asked = [(t, k) for t in takes for k in range(len(LABELS)) if t.label in (-1, k)]
         labels = [label for _, label in asked]
         segments = [take.segment for take, _ in asked]
         audio, gaze = self._inputs(segments)
-        intensity = 0.9 if takes[0].label >= 0 else 1.0
+        intensity = SWELL * (ACTED_STRENGTH if takes[0].label >= 0 else 1.0)
         draws = range(self.command.samples)
         said = [codes(*model, audio, gaze, labels, intensity, s) for s in draws]
         plain = self.models["zero convolutions"].student

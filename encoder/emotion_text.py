@@ -1,7 +1,7 @@
 """Other words for an emotion: a CLIP text model says which of the known labels they are like.
 
 The model lies in a local folder (transformers' format, e.g. openai/clip-vit-base-patch32); nothing
-is fetched. The shipped embeddings are learned, so a text is not fed to the zero convolutions
+is fetched. The shipped embeddings are not CLIP's, so a text is not fed to the zero convolutions
 itself, as in the paper (section 5.1), but becomes a mixture of the two labels nearest to it. What
 was found is kept in a small file, and the model is not needed again for the same words.
 """

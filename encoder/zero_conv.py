@@ -30,13 +30,18 @@ class ZeroConvConfig:
 
 
 class ZeroConvs(nn.Module):
-    """The table of embeddings, one row a label, learned with the convolutions."""
+    """The table of embeddings, one row a label, and a convolution for each place.
+
+    The rows are axes: no label shares weights with another, so all are learned at once in a few
+    hundred steps. (From random rows, as CLIP's are, 780 steps came half as far.)
+    """
+
+    embeddings: Tensor
 
     def __init__(self, config: ZeroConvConfig) -> None:
         super().__init__()
         self.config = config
-        rows = torch.randn(len(config.labels), config.embedding)
-        self.embeddings = nn.Parameter(rows / rows.norm(dim=1, keepdim=True))  # as CLIP's: unit
+        self.register_buffer("embeddings", torch.eye(len(config.labels), config.embedding))
         self.convs = nn.ModuleList(
             nn.Conv1d(config.embedding, config.dim, 1) for _ in range(config.layers)
         )

@@ -47,10 +47,10 @@ class EmotionConfig:
     output: Path  # where "emotion" goes (and "student", if it was fine-tuned): a folder
     run: loop.Run
     fine_tune: bool = False  # the ablation: every weight of the student learns, without L_lip
-    steps: int = 1200
+    steps: int = 600
     batch: int = 16
     frames: int = 100
-    rate: float = 1e-3
+    rate: float = 1e-2
     lip_weight: float = 1.0  # of L_lip against L_face, both in mm^2; 0: an ablation
 
 
@@ -150,7 +150,7 @@ def run(config: EmotionConfig, face: EmotionFace) -> dict[str, float]:
             "kind": "emotion",
             "config": asdict(zero.config),
             "student_sha256": sha256,
-            "embeddings": "learned with the convolutions, from random unit vectors",
+            "embeddings": "an axis a label; what it means is learned by the convolutions",
             **facts,
         },
     )

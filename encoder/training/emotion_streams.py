@@ -24,6 +24,9 @@ from encoder.training.geometry import Face
 from encoder.training.streams import AHEAD, GAZE_SCALE
 
 ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
+# Mean share of the strength that the layer shows, as it swells and ebbs. Intensity 1 is the whole
+# of an emotion's action units, and so a take of strength 1 has intensity SWELL.
+SWELL = 0.72
 NEAR_MM = 2.0  # lips closer than this are on their way to or from a closure
 SHARES = {"rules": 0.6, "tracked": 0.3, "rest": 0.1}  # of the neutral streams
 
@@ -105,11 +108,11 @@ def run(config: EmotionStreamConfig, lips: LipGeometry) -> Path:
         for version in range(config.versions):
             if acted:
                 rigs.append(rig)
-                mixtures[version, LABELS.index(acted)] = ACTED_STRENGTH
+                mixtures[version, LABELS.index(acted)] = SWELL * ACTED_STRENGTH
                 continue
             label, strength = int(chosen[version % len(LABELS)]), float(rng.uniform(0.25, 1.1))
             rigs.append(felt(rig, LABELS[label], strength, lips, rng))
-            mixtures[version, label] = strength
+            mixtures[version, label] = SWELL * strength
         halves = [x.astype(np.float16) for x in (features, np.stack(rigs), gaze)]
         rows.append((*halves, mixtures))
     features, rig, gaze, mixture = (np.stack(arrays) for arrays in zip(*rows, strict=True))
