@@ -9,7 +9,7 @@ import soundfile
 
 from app.session import Create
 from app.sinks.arkit import ARKIT_NAMES
-from encoder.capture import real
+from encoder.capture import build, mocap, real
 from encoder.capture.livelink import read_livelink
 from sensors.types import SAMPLE_RATE, InputError
 
@@ -106,6 +106,19 @@ def test_sound_shorter_than_the_curves_is_refused(tmp_path):
     assert not (tmp_path / "s").exists()
     with pytest.raises(InputError, match="cut the take"):
         list(real.own_takes(tmp_path, (0,)))
+
+
+def test_unreadable_files_are_refused(tmp_path):
+    write_take(tmp_path / "me.csv")
+    (tmp_path / "me.wav").write_text("no sound")
+    with pytest.raises(InputError, match=r"me.wav: expected a sound file, got something else"):
+        list(real.own_takes(tmp_path, (0,)))
+    (tmp_path / "grid").mkdir()
+    (tmp_path / "grid" / "labels.npz").write_text("no arrays")
+    with pytest.raises(InputError, match=r"labels.npz: expected the arrays weights, names"):
+        mocap.grid_speakers(tmp_path / "grid")
+    with pytest.raises(InputError, match=r"expected \*/labels.npz or facegood"):
+        build.plans(build.Config(subjects=1, mocap=tmp_path / "grid"))
 
 
 def test_neither_sound_nor_take_is_refused(tmp_path):
