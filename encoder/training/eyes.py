@@ -21,7 +21,7 @@ from encoder.training.eye_pictures import EyePictures, augmented, standard
 
 TRUTH = "made by rules; pictures rendered by the capture stage"
 OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
-NEAR = 0.35  # sines up to which relative gaze is fitted: 20 degrees
+NEAR, WIDE = 0.27, 0.5  # relative gaze is fitted up to these sines (16 degrees), from this lid on
 RELATIVE_RIDGE = 10.0
 TEST_SHARE = 10  # every tenth subject is never trained on
 
@@ -142,7 +142,7 @@ def fit_relative(net: EyeNet, data: EyePictures, count: int = 24_000) -> None:
     """Least squares of how gaze differs from the mean of the same eye, on how features do."""
     data = data.where(_some_people(data, count))
     eye = 2 * data.subject + np.arange(len(data.lids)) % 2
-    seen = (data.lids > OPEN_ENOUGH) & (np.abs(data.gaze).max(1) < NEAR)
+    seen = (data.lids > WIDE) & (np.abs(data.gaze).max(1) < NEAR)
     pictures, gaze = data.pictures[seen], data.gaze[seen].astype(np.float64)
     features = predict(net, standard(torch.from_numpy(pictures).float()))[0].astype(np.float64)
     _, place, sizes = np.unique(eye[seen], return_inverse=True, return_counts=True)

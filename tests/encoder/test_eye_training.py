@@ -157,7 +157,7 @@ def test_relative_gaze_is_right_but_for_a_constant_of_the_eye(folder: Path) -> N
     rng, net = np.random.default_rng(0), EyeNet(PRESETS["debug"]).eval()
     data = EyePictures.load(folder)
     side = np.arange(120) % 2
-    gaze = rng.uniform(-0.3, 0.3, (120, 2)).astype(np.float32)
+    gaze = rng.uniform(-0.26, 0.26, (120, 2)).astype(np.float32)
     cameras = rng.normal(0, 0.3, (10, 2, 2))[data.subject, side]
     mixed = np.concatenate([gaze + cameras, rng.normal(0, 1, (120, 78))], 1).astype(np.float32)
 
