@@ -109,7 +109,8 @@ def run(
     )
     modules = torch.nn.ModuleList([made.identity, made.expression, made.light])
     optimizer = torch.optim.AdamW(modules.parameters(), RATE, weight_decay=1e-4)
-    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, steps, pct_start=0.1)
+    rises = max(0.1, 2 / steps)  # of the steps: at least two, the scheduler divides by one less
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, steps, pct_start=rises)
     draw = torch.Generator().manual_seed(seed)
     parts, done = {"modules": modules, "optimizer": optimizer, "schedule": schedule}, 0
     if state.exists():

@@ -11,7 +11,7 @@ import torch
 from render import atlas, networks, textures
 from render.cameras import portrait
 from render.surface import Placed, facing
-from render.training import fit, learn, teeth
+from render.training import fit, learn, prior, teeth
 from render.training.resume import write
 
 COUNT = 40
@@ -105,6 +105,14 @@ def test_the_networks_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pyte
         torch.testing.assert_close(a, b, rtol=0, atol=0)
     assert np.isfinite(left)
     assert learn.changes(resumed, data).shape == (6, atlas.HEIGHT * atlas.WIDTH, 2)
+
+
+def test_the_debug_preset_has_steps_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(learn, "BATCH", 1)
+    data, steps = examples(4), prior.PRESETS["debug"].steps
+    read = atlas.build(np.random.default_rng(1).uniform(2, 60, (30, 2)).astype(np.float32)).read
+    left = learn.run(data, data, read, np.ones(30, np.float32), tmp_path / "s", steps, 0)[1]
+    assert np.isfinite(left)
 
 
 def test_teeth_read_their_light_from_the_texels_that_tell_it():
