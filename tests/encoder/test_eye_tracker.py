@@ -8,6 +8,7 @@ from eye_material import encoder, graph, looks
 
 from encoder.eye_calibration import EyeCalibration
 from encoder.eye_encoder import EyeReading, joined
+from encoder.eye_network import unit
 from encoder.eye_tracker import (
     BLINK_FRAMES,
     FADE_FRAMES,
@@ -180,6 +181,15 @@ def test_gaze_rests_while_the_lids_are_shut() -> None:
     gaze = gaze_of(seen)
     assert np.array_equal(gaze[10:14], np.repeat(gaze[9:10], 4, 0))
     assert np.array_equal([s.lids for s in seen[10:14]], np.zeros((4, 2)))
+
+
+def test_a_misreading_turns_no_eye_faster_than_eyes_turn() -> None:
+    rows = readings(30)
+    wild = unit(np.float32([[0.6, 0.1], [0.65, 0.1]]))
+    rows[15:] = [r._replace(gaze=wild) for r in rows[15:]]
+    seen, _ = follow(list(rows), np.ones((30, 2), bool))
+    assert 15 < step_deg(gaze_of(seen)).max() < 18.5
+    assert np.array_equal(gaze_of(seen)[20:], both_of(rows)[20:])  # it gets there all the same
 
 
 def test_state_is_a_value() -> None:
