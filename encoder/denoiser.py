@@ -128,7 +128,8 @@ class Block(nn.Module):
 
 def _with(x: Tensor, emotion: Tensor | None, place: int) -> Tensor:
     """x [B, T, dim] and what the emotion adds at this place, the same at all frames."""
-    return x if emotion is None else x + emotion[:, place, None]
+    start = place * x.shape[-1]
+    return x if emotion is None else x + emotion[:, None, start : start + x.shape[-1]]
 
 
 class Denoiser(nn.Module):
@@ -182,6 +183,10 @@ class Denoiser(nn.Module):
         cos, sin = rope_angles(positions, self.config.dim // self.config.heads)
         return cos.to(self.output.weight.dtype), sin.to(self.output.weight.dtype)
 
+    def _output(self, x: Tensor, emotion: Tensor | None) -> Tensor:  # [B, T, dim] -> x0
+        x0 = self.output(self.norm(_with(x, emotion, self.config.layers)))
+        return x0 if emotion is None else x0 + emotion[:, None, -self.config.expression_dim :]
+
     def forward(
         self,
         noisy: Tensor,  # [B, T, 256] standardised codes with noise
@@ -190,7 +195,7 @@ class Denoiser(nn.Module):
         condition: Tensor,  # [B, T, condition_dim]
         keep_audio: Tensor | None = None,  # [B] bool; False: the learned null
         keep_condition: Tensor | None = None,  # [B] bool
-        emotion: Tensor | None = None,  # [B, layers + 1, dim], see zero_conv.py
+        emotion: Tensor | None = None,  # [B, (layers + 1) dim + 256], see zero_conv.py
     ) -> Tensor:  # x0 [B, T, 256]
         x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         positions = torch.arange(x.shape[1], device=x.device)
@@ -199,7 +204,7 @@ class Denoiser(nn.Module):
         rope, embedded = self._rope(positions), self._tau(tau)
         for i, block in enumerate(self.blocks):
             x, _ = block(_with(x, emotion, i), embedded, None, rope, mask)
-        return self.output(self.norm(_with(x, emotion, -1)))
+        return self._output(x, emotion)
 
     def init_state(self, batch: int) -> State:
         """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
@@ -234,4 +239,4 @@ class Denoiser(nn.Module):
             "values": torch.stack([v for _, v in kept]),
             "frame": state["frame"] + time,
         }
-        return self.output(self.norm(_with(x, emotion, -1))), state
+        return self._output(x, emotion), state

@@ -38,7 +38,7 @@ class Emotions:
     """What each label adds between the blocks at full intensity."""
 
     labels: tuple[str, ...]
-    table: Floats  # [labels, layers + 1, dim]
+    table: Floats  # [labels, width], see zero_conv.py
 
     def mixture(self, words: str) -> Floats:
         """[labels] intensities 0..1 of `words`; raises InputError."""
@@ -71,7 +71,7 @@ class Emotions:
         return self.labels.index(name)
 
     def step(self, words: str, mood: Mood) -> tuple[Floats | None, Mood]:
-        """One frame -> [layers + 1, dim] to add, None where it is nothing; the next state.
+        """One frame -> [width] to add, None where it is nothing; the next state.
 
         New words are faded to from wherever the last fade has come.
         """
@@ -79,7 +79,7 @@ class Emotions:
             mood = Mood(words, self._now(mood), self.mixture(words), FADE_FRAMES)
         mood = Mood(mood.words, mood.start, mood.end, max(mood.left - 1, 0))
         now = self._now(mood)
-        return (np.tensordot(now, self.table, 1) if now.any() else None), mood
+        return (now @ self.table if now.any() else None), mood
 
     def _now(self, mood: Mood) -> Floats:
         if mood.start is None or mood.end is None:

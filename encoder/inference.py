@@ -50,8 +50,8 @@ class Backend(Protocol):
         self, noise: Array, features: Array, condition: Array, state: BackendState,
         emotion: Array | None = None,
     ) -> tuple[Array, BackendState]:  # fmt: skip
-        """noise [256] at tau = N, features [A], condition [6], emotion [layers + 1, dim] or none
-        -> standardised code [256]."""
+        """noise [256] at tau = N, features [A], condition [6], emotion [width] or none ->
+        standardised code [256]."""
         ...
 
 
@@ -94,7 +94,7 @@ class TorchBackend:
         import torch
 
         x, a, g = (self._tensor(x, 1, 1, -1) for x in (noise, features, condition))
-        added = None if emotion is None else self._tensor(emotion, 1, *emotion.shape)
+        added = None if emotion is None else self._tensor(emotion, 1, -1)
         with torch.inference_mode():
             y, after = self.denoiser.step(x, self.tau, a, g, state["past"], emotion=added)
         return y[0, 0].cpu().numpy(), {**state, "past": after}
@@ -143,7 +143,8 @@ class OnnxBackend:
         self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, int8))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
-        self.calm = np.zeros((self.config.layers + 1, self.config.dim), np.float32)
+        width = (self.config.layers + 1) * self.config.dim + self.config.expression_dim
+        self.calm = np.zeros((1, width), np.float32)
 
     def init_state(self) -> BackendState:
         c = self.config
@@ -209,7 +210,7 @@ class OnnxBackend:
                 "cos": np.cos(angles).astype(np.float32),
                 "sin": np.sin(angles).astype(np.float32),
                 "bias": bias,
-                "emotion": self.calm if emotion is None else emotion,
+                "emotion": self.calm if emotion is None else emotion[None],
             },
         )
         keys, values = keys.copy(), values.copy()

@@ -20,8 +20,8 @@ from sensors.types import FPS, InputError, SensorFrame
 LABELS = ("happy", "sad", "angry")
 
 
-def emotions(places: int = 3, dim: int = 64) -> Emotions:
-    table = np.random.default_rng(3).standard_normal((len(LABELS), places, dim))
+def emotions(width: int = 3 * 64 + 256) -> Emotions:
+    table = np.random.default_rng(3).standard_normal((len(LABELS), width))
     return Emotions(LABELS, (0.5 * table).astype(np.float32))
 
 
@@ -55,7 +55,7 @@ def test_untrained_zero_convolutions_change_no_bit() -> None:
         frames, _ = denoiser.step(noisy, tau, audio, gaze, start)
         same, _ = denoiser.step(noisy, tau, audio, gaze, start, emotion=added)
         assert torch.equal(frames, same)
-        for conv in zero.convs:
+        for conv in (*zero.convs, zero.output):
             torch.nn.init.normal_(conv.bias)  # type: ignore[arg-type]
         other = denoiser(noisy, tau, audio, gaze, emotion=zero(torch.rand(2, 3)))
         assert (other - expected).abs().max() > 0.1
@@ -68,9 +68,9 @@ def test_every_place_counts_and_only_its_own() -> None:
     noisy, audio, gaze = (torch.randn(1, 5, n) for n in shapes)
     tau, seen = torch.tensor([200]), []
     with torch.no_grad():
-        for place in range(denoiser.config.layers + 1):
-            added = torch.zeros(1, denoiser.config.layers + 1, denoiser.config.dim)
-            added[:, place] = torch.randn(denoiser.config.dim)
+        for place in range(denoiser.config.layers + 2):
+            added = torch.zeros(1, ZeroConvConfig.of(denoiser.config, LABELS).width)
+            added[:, 64 * place : 64 * place + 64] = torch.randn(64)
             whole = denoiser(noisy, tau, audio, gaze, emotion=added)
             start = denoiser.init_state(1)
             steps, _ = denoiser.step(noisy, tau, audio, gaze, start, emotion=added)
@@ -146,7 +146,7 @@ def test_words() -> None:
 
 
 def test_weights_of_another_student_are_left_alone(tmp_path: Path) -> None:
-    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, layers=3, dim=8))
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, layers=2, dim=8))
     torch.nn.init.normal_(zero.convs[0].bias)  # type: ignore[arg-type]
     card = {"kind": "emotion", "config": asdict(zero.config), "student_sha256": "mine"}
     assert load_emotions(tmp_path, "mine") is None

@@ -138,7 +138,7 @@ def test_only_the_zero_convolutions_learn() -> None:
     _, student = models()
     student.requires_grad_(False)
     zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS))
-    optimizer, curve = torch.optim.AdamW(zero.parameters(), 3e-3), []
+    optimizer, curve = torch.optim.AdamW(zero.parameters(), 3e-3), list[float]()
     rig = np.zeros((2, 12, 53), np.float32)
     rig[..., SMILE] = 1.0
     codes = torch.tensor(rig @ BASIS * 3)
