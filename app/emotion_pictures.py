@@ -40,7 +40,7 @@ def _portraits(judged: "Judgement") -> tuple[list[str], list[list[np.ndarray]]]:
     codes = [drive(driver, sound, name, judged.command.seed) for name in names]
     frames = np.linspace(30, len(codes[0]) - 1, COLUMNS).astype(int)
     ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-    renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=450)
+    renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=330)
     rows: list[list[np.ndarray]] = []
     for row in codes:
         pictures: list[np.ndarray] = []
