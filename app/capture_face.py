@@ -46,11 +46,18 @@ def teeth() -> "TeethGeometry":
     return teeth_geometry(vertices, regions["lips_lower"], regions.get("teeth_upper", TEETH_UPPER))
 
 
-def gap_error_mm(geometry: "LipGeometry", rigs: Floats) -> float:
-    """How far the geometry's gaps [T, 53] are from those of the decoder's own vertices, at most."""
+def gaps_on_vertices(geometry: "LipGeometry", rigs: Floats) -> tuple[float, float]:
+    """Check the geometry's gaps of rigs [T, 53] on the decoder's own vertices.
+
+    -> mm: how far it is off, at most, where lips are apart; and the widest true gap of lips that it
+    calls shut, which the decoder keeps from crossing.
+    """
     vertices, _ = every_face()
-    worst = 0.0
+    off, shut = 0.0, 0.0
     for rig, said in zip(rigs, geometry.gap_mm(rigs), strict=True):
-        gaps = [geometry.gap_on(face) for face in vertices(rig)]
-        worst = max(worst, abs(max(gaps) - float(said)))
-    return worst
+        gap = max(geometry.gap_on(face) for face in vertices(rig))
+        if said > 0:
+            off = max(off, abs(gap - float(said)))
+        else:
+            shut = max(shut, gap)
+    return off, shut

@@ -23,7 +23,7 @@ CHECKED_FRAMES = 200
 
 def statistics(folder: Path, command: "Capture") -> None:
     """The page of published ranges, and how far styles are apart."""
-    from app.capture_face import gap_error_mm, lips, teeth
+    from app.capture_face import gaps_on_vertices, lips, teeth
     from encoder.capture import statistics as judge
 
     clips = _spread(folder, MAX_CLIPS)
@@ -32,8 +32,9 @@ def statistics(folder: Path, command: "Capture") -> None:
     rigs = np.concatenate([clip.rig for clip in clips if clip.truth == "rules"]).astype(np.float32)
     rng = np.random.default_rng(0)
     sample = rigs[rng.choice(len(rigs), min(CHECKED_FRAMES, len(rigs)), replace=False)]
-    error = gap_error_mm(geometry, sample)
-    rows.append(judge.Bar("lip_gap_against_vertices_mm", error, 0, 0.05, "same vertices"))
+    off, shut = gaps_on_vertices(geometry, sample)
+    rows.append(judge.Bar("lip_gap_against_vertices_mm", off, 0, 0.05, "same vertices"))
+    rows.append(judge.Bar("shut_lips_on_vertices_mm", shut, 0, 0.3, "contact"))
     rows.append(judge.Bar("style_ratio", judge.style_ratio(), 1.5, np.inf, "people differ"))
     if command.picture:
         _spectrum_picture(tally, command.picture)

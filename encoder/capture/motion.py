@@ -39,8 +39,9 @@ _OPENING_MM = {
     "mouthUpperUp_L": 3.5,
     "mouthUpperUp_R": 3.5,
 }
-JAW_UNIT = 0.46  # jawOpen of an open vowel, spoken loudly
-JAW_LATE_S = 0.02  # tracked jaws lag their sound's energy by half a frame
+JAW_UNIT = 0.43  # jawOpen of an open vowel, spoken loudly
+JAW_LATE_S = 0.03  # tracked jaws lag their sound's energy by about a frame
+JAW_LOUD = 0.35  # and hardly follow its louder half: nearer to decibels than to amplitude
 RAMP_S = 0.075  # lips close and part within this, 100-350 mm/s
 JAW_STEP = 0.27  # most change of jawOpen a frame: 234 mm/s
 GAP_STEP_MM = 11.5  # most change of the lips' gap a frame: 345 mm/s
@@ -85,7 +86,7 @@ class Style:
     @staticmethod
     def draw(rng: np.random.Generator) -> "Style":
         ranges = (
-            (0.7, 1.25), (0.7, 1.3), (0.5, 1.4), (0.04, 0.058), (0.045, 0.07), (0.5, 0.8),
+            (0.8, 1.2), (0.7, 1.3), (0.5, 1.4), (0.04, 0.058), (0.045, 0.07), (0.5, 0.8),
             (-0.08, 0.1), (-0.12, 0.12), (-0.12, 0.12), (0.1, 0.35), (0.002, 0.009), (0.4, 1.6),
             (0.85, 1.1),
         )  # fmt: skip
@@ -132,24 +133,36 @@ def _tracks(phones: list[Phone], times: np.ndarray, style: Style) -> dict[str, n
     return tracks
 
 
-def _contact(
+def _holds(
     phones: list[Phone], names: tuple[str, ...], times: np.ndarray, taken: np.ndarray
 ) -> np.ndarray:
-    """[T] 0..1: 1 while one of `names` holds its contact, raised cosines around it.
+    """[H, 2] begin and end of the contact that each of `names` holds, in seconds.
 
     A plosive lets go at its burst, a nasal or fricative near its end. Where no frame falls into
     the hold, the nearest one that is not `taken` [T] by another contact is taken in.
     """
-    contact = np.zeros(len(times))
     free = np.where(taken, 1e3, 0.0)
+    holds = []
     for phone in phones:
-        if phone.name not in names:
-            continue
-        share = 0.55 if phone.name in ("p", "b") else 0.8
-        begin, end = phone.start - 0.012, phone.start + share * (phone.end - phone.start)
-        nearest = times[np.argmin(np.abs(times - 0.5 * (begin + end)) + free)]
-        begin, end = min(begin, nearest), max(end, nearest)
-        outside = np.maximum(begin - times, times - end) / RAMP_S
+        if phone.name in names:
+            share = 0.55 if phone.name in ("p", "b") else 0.8
+            begin, end = phone.start - 0.012, phone.start + share * (phone.end - phone.start)
+            nearest = times[np.argmin(np.abs(times - 0.5 * (begin + end)) + free)]
+            holds.append((min(begin, nearest), max(end, nearest)))
+    return np.array(holds).reshape(-1, 2)
+
+
+def _contact(holds: np.ndarray, every: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """[T] 0..1: 1 in `holds` [H, 2], raised cosines around them.
+
+    Between two of `every` contact they are shorter, so that even a short vowel opens the mouth.
+    """
+    contact = np.zeros(len(times))
+    for begin, end in holds:
+        before = np.min(begin - every[:, 1], initial=1.0, where=every[:, 1] < begin)
+        after = np.min(every[:, 0] - end, initial=1.0, where=every[:, 0] > end)
+        close_s, open_s = np.clip((0.6 * before, 0.6 * after), RAMP_S / 2, RAMP_S)
+        outside = np.maximum((begin - times) / close_s, (times - end) / open_s)
         contact = np.maximum(contact, 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0, 1)))
     return contact
 
@@ -171,7 +184,8 @@ def _open_mouth(
 ) -> np.ndarray:
     """Gesture tracks -> [T, 53] speech channels of a mouth without contacts."""
     curves = np.zeros((len(level), len(RIG_NAMES)), np.float32)
-    jaw = JAW_UNIT * style.jaw * tracks["jaw"] * (1 - style.loud + style.loud * level**0.7)
+    loud = 1 - style.loud + style.loud * level**JAW_LOUD
+    jaw = JAW_UNIT * style.jaw * tracks["jaw"] * loud
     curves[:, JAW_OPEN] = jaw * speaking
     for gesture, channels in GESTURE_RIG.items():
         size = style.spread if gesture == "stretch" else style.lips
@@ -202,14 +216,14 @@ def _with_contacts(
     style: Style,
     lips: LipGeometry | None,
 ) -> np.ndarray:
-    """Blend to the touch pose, drop the jaw a little, and let mouthClose shut the lips."""
+    """Blend to the touch pose, raise the jaw a little, and let mouthClose shut the lips."""
     held = (touch >= 1) & (close < 1)
     close = np.where(held, 0, close)
     touch = np.where(held, 1, np.minimum(touch, 1 - close))[:, None].astype(np.float32)
     columns = list(SPEECH_COLUMNS)
     curves[:, columns] += touch * (_TOUCH[columns] - curves[:, columns])
     free = curves.copy()
-    curves[:, JAW_OPEN] *= 1 - 0.6 * close
+    curves[:, JAW_OPEN] *= 1 - 0.2 * close
     for channel in (
         "mouthFunnel",
         *(f"mouth{n}_{s}" for n in ("LowerDown", "UpperUp") for s in "LR"),
@@ -257,8 +271,12 @@ def speech_curves(
         moved = _jittered(phones, style.jitter_s, rng)
         tracks = _tracks(moved, times, style)
         curves = gain * _open_mouth(tracks, shifted, speaking, style)
-        close = _contact(phones, LIP_CLOSING, times, np.zeros(len(times), bool))
-        touch = _contact(phones, TEETH_TOUCHING, times, close >= 1)
+        lips_meet = _holds(phones, LIP_CLOSING, times, np.zeros(len(times), bool))
+        shut = (times >= lips_meet[:, :1]) & (times <= lips_meet[:, 1:])
+        lip_on_teeth = _holds(phones, TEETH_TOUCHING, times, np.asarray(shut.any(0)))
+        every = np.concatenate([lips_meet, lip_on_teeth])
+        close = _contact(lips_meet, every, times)
+        touch = _contact(lip_on_teeth, every, times)
         for column, gesture in enumerate(TONGUE_GESTURES):
             tongue[:, column] = np.clip(tracks[gesture] * speaking, 0, 1)
     curves = np.clip(curves + upper + layer, 0, 1)

@@ -54,6 +54,16 @@ def test_closures_shut_the_lips_between_open_vowels(closing):
     assert gap[(times > 0.74) & (times < 0.9)].max() > 6
 
 
+@pytest.mark.parametrize(("first", "last"), [("f", "m"), ("m", "m"), ("b", "v")])
+def test_a_short_vowel_between_contacts_opens_the_mouth(first, last):
+    phones, audio = spoken(["aa", first, "ae", last, "aa"], 0.07)
+    rng = np.random.default_rng(0)
+    rig = motion.speech_curves(phones, audio, motion.Style(), rng, lips=opening_lips()).rig
+    times = motion.frame_times(len(rig))
+    vowel = (times > phones[3].start) & (times < phones[3].end)
+    assert opening_lips().gap_mm(rig[vowel]).max() > 2.5
+
+
 def test_silence_rests_the_mouth_exactly():
     phones, audio = spoken(["ae", "t"])
     rig, gaze, _ = motion.speech_curves(phones, audio, motion.Style(), np.random.default_rng(1))
