@@ -95,7 +95,7 @@ def show(tables: dict[str, dict[str, Figures]]) -> None:
         table = Table("row", *(title for title, _ in COLUMNS), title=kind, title_justify="left")
         for row, figures in rows.items():
             table.add_row(row, *(f"{figures[c]:.3f}" if c in figures else "-" for _, c in COLUMNS))
-        Console(width=140).print(table)
+        Console(width=170).print(table)
 
 
 def make_bars(metrics: Figures, kinds: list[str]) -> list[dict[str, Any]]:
