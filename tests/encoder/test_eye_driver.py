@@ -153,6 +153,22 @@ def test_loads_by_condition(tmp_path: Path) -> None:
         load_driver(tmp_path, device="cpu")  # an eyes model under the gaze model's name
 
 
+def test_a_student_that_sees_has_the_emotions_of_the_one_it_was_made_from(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    test_driver.write_weights(tmp_path)
+    _, denoiser = models()
+    card = {"kind": "student", "config": asdict(denoiser.config), "audio_model": {"sha256": "s"}}
+    save(tmp_path / "student_eyes", denoiser.state_dict(), card)
+    made = net()
+    save(tmp_path / "eyes", made.state_dict(), {"kind": "eyes", "config": asdict(made.config)})
+    asked: list[str] = []
+    monkeypatch.setattr("encoder.emotion.load_emotions", lambda _, sha256: asked.append(sha256))
+    load_driver(tmp_path, device="cpu", condition="eyes")
+    load_driver(tmp_path, device="cpu")
+    assert asked[0] == "s" and asked[1] != "s"
+
+
 def test_auto_takes_the_eyes_only_where_there_are_some() -> None:
     assert choose_condition("auto", has_eyes=False) == "gaze"
     assert choose_condition("gaze", has_eyes=True) == "gaze"
