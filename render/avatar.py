@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from render import atlas, mesh_parts, prior_file, textures, weights_file
 from render.contexts import GLContext, create_context
+from render.cover import turned_out
 from render.errors import InputError
 from render.identity import Identity
 from render.mesh_occlusion import Occlusion
@@ -62,13 +63,16 @@ class Maker:
     ) -> Identity:
         """Theta_id, bald; hair is added with `dataclasses.replace`."""
         rest = self.posing.rest(geometry)
+        bald = self.seen(rest)
+        seen = bald if cover is None else self.seen(rest, cover)
+        seen = turned_out(self.surface, self.posing, rest.geometry, seen)
         return Identity(
             name=name,
             rest=rest,
             albedo=self.albedo(skin, eye),
             shown=np.ones(len(self.surface.scales), np.float32),
-            seen=np.ascontiguousarray(self.seen(rest, cover).T),
-            biases=self.biases(rest, skin, self.seen(rest, None) if cover is not None else None),
+            seen=np.ascontiguousarray(seen.T),
+            biases=self.biases(rest, skin, bald),
             hair=no_hair(),
         )
 
@@ -94,7 +98,7 @@ class Maker:
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
         return np.clip(albedo, 0, 1)
 
-    def biases(self, rest: Rest, skin: Floats, seen: Floats | None) -> tuple[Floats, ...]:
+    def biases(self, rest: Rest, skin: Floats, seen: Floats) -> tuple[Floats, ...]:
         """The identity encoder: a bias map for every level of the light decoder."""
         import torch
 
@@ -103,7 +107,6 @@ class Maker:
         network = networks.IdentityEncoder()
         network.load_state_dict(self._state("identity"))
         used = self.surface.used
-        seen = self.seen(rest) if seen is None else seen
         moved = rest.geometry[used] - self.template[used]
         colors = vertex_albedo(
             skin, self._t["vertex_colors"], self._t["vertex_uv"], self._t["vertex_kinds"][used] == 0

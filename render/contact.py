@@ -35,6 +35,16 @@ class Line:
         gap = vertices[self.upper, 1] - vertices[self.lower, 1]
         return gap[self.nearest].min(1)
 
+    def parted(self, vertices: Floats, points: Floats) -> NDArray[np.bool_]:  # [V, 3], [P, 3]
+        """Which points lie between the sides as seen from the front."""
+        x = vertices[self.upper, 0][self.nearest].mean(1)
+        order = np.argsort(x)
+        top = vertices[self.upper, 1][self.nearest].min(1)[order]
+        bottom = vertices[self.lower, 1][self.nearest].max(1)[order]
+        x, across, height = x[order], points[:, 0], points[:, 1]
+        below, above = height < np.interp(across, x, top), height > np.interp(across, x, bottom)
+        return (across > x[0]) & (across < x[-1]) & below & above
+
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
         first, share = self._between

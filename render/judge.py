@@ -41,6 +41,7 @@ class Subject:
     rest: Any  # render.posing.Rest: the truth at rest
     skin: Floats  # [1024, 2048, 3]
     eye: Floats  # [512, 512, 3]
+    light: Floats  # [U, 2] that reaches them at rest
     identity: Identity
 
 
@@ -61,7 +62,8 @@ class Judge:
 
     def subject(self, geometry: Floats, skin: Floats, eye: Floats) -> Subject:
         identity = self.maker.identity("judged", geometry, skin, eye)
-        return Subject(geometry, self.assembly.posing.rest(geometry), skin, eye, identity)
+        rest = self.assembly.posing.rest(geometry)
+        return Subject(geometry, rest, skin, eye, self.maker.seen(identity.rest), identity)
 
     # --- truth ---
 
@@ -126,7 +128,7 @@ class Judge:
         moved = vertices - who.rest.geometry
         rows, basis = self.rig_basis
         rig = prior_metrics.recovered_rig(moved[rows][None], basis)[0]
-        change = light[used] - who.identity.seen.T
+        change = light[used] - who.light
         maps = atlas.picture(
             self._atlas, np.concatenate([moved[used] / GEOMETRY_UNIT_MM, change], 1)
         )
@@ -175,7 +177,7 @@ class Judge:
         moved[hidden, 2] -= 3000  # out of the way
         colors = np.repeat(white[:, None], 3, 1).astype(np.float32)
         light = np.tile(np.array([1, 0], np.float32), (len(white), 1))
-        plain = Subject(who.geometry, who.rest, who.skin, np.ones((8, 8, 3), "f4"), who.identity)
+        plain = replace(who, eye=np.ones((8, 8, 3), np.float32))
         self._dress(plain)
         picture = self._mesh.draw(moved, self.assembly.normals(vertices), colors,
                                   light, camera, FLAT)  # fmt: skip

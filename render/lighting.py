@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 WRAP = np.array([0.30, 0.16, 0.12], np.float32)  # how far red, green, blue reach into the shade
-BOUNCE = 0.10  # share of the sky that reaches even a mouth, from skin to skin
+BOUNCE = 0.20  # share of the sky that reaches even a mouth, from skin to skin
 VIEWER = np.array([0.0, 0.0, 1.0])  # shine is baked for someone in front of the face
 
 

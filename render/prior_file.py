@@ -1,15 +1,17 @@
 """The prior on disk: one safetensors file, and the decoder's parts from it."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
+from scipy.sparse import csr_array, diags_array
 
 from render import atlas, surface, weights_file
 from render.coding import Coding
 from render.contact import Line
+from render.cover import bared, cover
 from render.light_decoder import LightNet, tensors_of
 from render.posing import GEOMETRY_STEPS, Posing
 
@@ -36,26 +38,46 @@ def load(folder: Path) -> dict[str, Any]:
         faces=faces,
         drawn=t["drawn"],
         kinds=t["vertex_kinds"],
-        blood=np.setdiff1d(regions["narrow_face"], regions["eyelids"]),
+        blood=regions["narrow_face"],
         triangles=t["anchor_triangles"],
         weights=t["anchor_weights"].astype(np.float32),
         widths=t["anchor_widths"].astype(np.float32),
     )
+    pose = posing(t, regions)
+    opacities = t["anchor_opacities"].astype(np.float32) / np.float32(255)
+    edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
+    widths, opacities = cover(head, opacities, t["anchor_kinds"], edges, pose, template(t))
     coding = Coding(
         *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
     )
     return {
         "rig_names": list(card["rig_names"]),
         "coding": coding,
-        "posing": posing(t, regions),
-        "surface": head,
+        "posing": pose,
+        "surface": replace(head, scales=widths),
         "light": LightNet.of(t),
-        "read": atlas.build(t["places"].astype(np.float32)).read,
-        "opacities": t["anchor_opacities"].astype(np.float32) / np.float32(255),
+        "read": read_map(t, head.used, pose),
+        "opacities": opacities,
         "interior": np.flatnonzero(t["anchor_inside"]),
         "faces": faces,
         "regions": regions,
     }
+
+
+def read_map(t: Tensors, used: NDArray[np.int32], pose: Posing) -> csr_array:  # [U, T]
+    """Texels of the light decoder's map -> used vertices.
+
+    Teeth see `render/training/teeth.py`. Light that changes with the expression alone says nothing
+    about the parts of an eye that a look brings out.
+    """
+    read = atlas.build(t["places"].astype(np.float32)).read
+    rows, texels, weights = t["teeth_rows"], t["teeth_texels"], t["teeth_light"]
+    keep = np.ones(len(t["places"]), np.float32)
+    keep[rows] = 0
+    keep[np.isin(used, np.concatenate([hidden for _, hidden in bared(pose, template(t))]))] = 0
+    where = np.repeat(rows, len(texels)), np.tile(texels, len(rows))
+    teeth = csr_array((weights.astype(np.float32).ravel(), where), read.shape)
+    return csr_array(diags_array(keep) @ read + teeth, dtype=np.float32)
 
 
 def template(t: Tensors) -> NDArray[np.float32]:  # [V, 3] mm

@@ -174,7 +174,7 @@ def surface(assembly: Assembly, anchors: Anchors) -> Surface:
         faces=face.faces,
         drawn=np.flatnonzero(assembly.kinds >= 0).astype(np.int32),
         kinds=assembly.vertex_kinds,
-        blood=np.setdiff1d(face.regions["narrow_face"], face.regions["eyelids"]),
+        blood=face.regions["narrow_face"],
         triangles=anchors.triangles,
         weights=anchors.barycentric,
         widths=anchors.scales,

@@ -43,7 +43,7 @@ RECIPES = {
                     "brown", "long01", BLACK, hairs=4200),
     "emil": Recipe(53, 0.6, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
                    "blue", "short03_swept", BLOND),
-    "femi": Recipe(64, 0.6, ("middleage_darkskinned_female", "middleage_darkskinned_female", 0.0),
+    "femi": Recipe(64, 0.6, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
                    "brown", "afro01", (0.11, 0.085, 0.07), hairs=4200),
     "greta": Recipe(75, 0.5, ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.15),
                     "grey", "short01", GREY),

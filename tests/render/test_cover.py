@@ -1,0 +1,104 @@
+"""Shut lids hide the eyes, and eyes seen near have no holes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from render import cameras, identity, prior_file, sheet, weights_file
+from render.cover import bared, spacing
+from render.decoder import Decoder
+from render.types import Camera, Gaussians
+
+SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder.load()
+
+
+def near(who: identity.Identity, eye: int) -> Camera:
+    """A camera that sees one eye only, five times larger than a portrait does."""
+    x, y, z = (float(v) for v in who.eye_centers[eye])
+    camera = cameras.portrait(SIZE_PX, SIZE_PX, target_mm=(x, y, z))
+    K = camera.K.copy()
+    K[0, 0] = K[1, 1] = SIZE_PX * DISTANCE_MM / SPAN_MM
+    return replace(camera, K=K, background=(0.0, 0.0, 0.0))
+
+
+def eyes(decoder: Decoder) -> np.ndarray:  # [N]
+    on_eye = np.isin(decoder.surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)
+    return decoder.surface.interpolate @ on_eye > 0.99
+
+
+def painted(decoder: Decoder, who: identity.Identity, pose: str, color: float) -> Gaussians:
+    """The head without the eyes' highlights, its eyeballs in one colour."""
+    cloud = sheet.posed(decoder, who, pose)
+    count = len(decoder.surface.scales)
+    cloud.opacities[count : count + 2] = 0
+    cloud.colors[:count][eyes(decoder)] = color
+    return cloud
+
+
+@pytest.mark.parametrize("name", ["ada", "kofi"])
+def test_a_shut_lid_hides_the_eye(decoder, tiles, name):
+    who = identity.load(name)
+    for eye in range(2):
+        pictures = []
+        for color in (0.0, 1.0):
+            tiles.draw(painted(decoder, who, "blink", color), near(who, eye))
+            pictures.append(tiles.read_rgba()[..., :3].astype(int))
+        shines_through = np.abs(pictures[1] - pictures[0]).max(2) / 255
+        assert np.quantile(shines_through, 0.99) < 0.22
+
+
+def test_an_eye_seen_near_has_no_holes(decoder, tiles):
+    who = identity.load("ben")
+    cloud = painted(decoder, who, "neutral", 1.0)
+    rows = np.flatnonzero(eyes(decoder))
+    bare = Gaussians(
+        cloud.means[rows], cloud.quats[rows], cloud.scales[rows],
+        cloud.opacities[rows], cloud.colors[rows],
+    )  # fmt: skip
+    for eye in range(2):
+        tiles.draw(bare, near(who, eye))
+        # The middle of the picture is the iris and some white around it.
+        middle = tiles.read_rgba()[96:160, 80:176, 0] / 255
+        assert middle.min() > 0.7 and middle.mean() > 0.93
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_an_eye_that_turns_brings_out_no_darkness(decoder, name):
+    """Light follows the expression, not the look: what lids hide at rest must be lit as well."""
+    who = identity.load(name)
+    for shows, hidden in bared(decoder.posing, who.geometry):
+        arm = who.geometry[hidden] - who.geometry[[*shows, *hidden]].mean(0)
+        near = hidden[arm[:, 2] > 0.75 * np.linalg.norm(arm, axis=1)]  # a look brings it out
+        shown, covered = (np.isin(decoder.surface.used, v) for v in (shows, near))
+        assert np.count_nonzero(covered) > 20 and who.seen[:, covered].min() > 0.6
+        assert np.ptp(who.seen[0, shown]) > 0.2  # what shows keeps the shadow of the lids
+
+
+def test_no_expression_darkens_what_lids_hide(decoder):
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    who, blink = identity.load("ben"), {"eyeBlink_L": 1.0, "eyeBlink_R": 1.0}
+    seen = decoder.seen(sheet.code(decoder, blink), who)
+    for shows, hidden in bared(decoder.posing, prior_file.template(tensors)):
+        shown, covered = (np.isin(decoder.surface.used, v) for v in (shows, hidden))
+        np.testing.assert_allclose(seen[:, covered], who.seen[:, covered], atol=1e-6)
+        assert np.abs(seen[:, shown] - who.seen[:, shown]).max() > 0.2
+
+
+def test_the_pupil_shows_and_the_back_of_the_eye_does_not(decoder):
+    who = identity.load("chen")
+    for eye, (shows, hidden) in enumerate(bared(decoder.posing, who.geometry)):
+        members = decoder.eyeballs[eye]
+        front, back = (members[pick(who.geometry[members, 2])] for pick in (np.argmax, np.argmin))
+        assert front in shows and back in hidden and len(shows) + len(hidden) == len(members)
+
+
+def test_spacing_is_the_distance_to_the_neighbours():
+    grid = np.stack(np.meshgrid(*[np.arange(5) * 2.0] * 2), -1).reshape(-1, 2)
+    points = np.c_[grid, np.zeros(25)].astype(np.float32)
+    assert spacing(points)[12] == pytest.approx(2.0)
