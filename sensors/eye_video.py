@@ -6,6 +6,7 @@ container still holds. Matroska times are milliseconds and only for players: the
 """
 
 from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -70,11 +71,13 @@ class EyeVideoWriter:
 
 
 class EyeVideoReader:
-    """Pictures by number, decoded lazily; reading forward costs one decode a picture."""
+    """Pictures by number; while one is used, a thread decodes the next."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
         self._pictures: Iterator[NDArray[np.uint8] | None] | None = None
+        self._worker: ThreadPoolExecutor | None = None
+        self._ahead: Future[NDArray[np.uint8] | None] | None = None  # picture number `_next`
         self._next = 0
         self._current: NDArray[np.uint8] | None = None
         with open_video(path) as container:
@@ -93,20 +96,37 @@ class EyeVideoReader:
         """
         if self._pictures is None or number < self._next - 1:
             self.close()
-            self._pictures = self._decode()
+            self._pictures, self._worker = self._decode(), ThreadPoolExecutor(1, "eye video")
+            self._read_ahead()
         while self._next <= number:
+            assert self._ahead is not None
             try:
-                self._current = next(self._pictures)
-            except StopIteration:
+                self._current = self._ahead.result()
+            except EOFError:
                 return None
             self._next += 1
+            self._read_ahead()
         return self._current
 
     def close(self) -> None:
         """Release the file; the next `picture` opens it again."""
+        if self._worker is not None:
+            self._worker.shutdown()  # after the picture that it decodes
         if self._pictures is not None:
             self._pictures.close()  # type: ignore[attr-defined]  # a generator
-        self._pictures, self._next, self._current = None, 0, None
+        self._pictures = self._worker = self._ahead = self._current = None
+        self._next = 0
+
+    def _read_ahead(self) -> None:
+        assert self._worker is not None
+        self._ahead = self._worker.submit(self._following)
+
+    def _following(self) -> NDArray[np.uint8] | None:
+        assert self._pictures is not None
+        try:
+            return next(self._pictures)
+        except StopIteration:  # which no future can carry
+            raise EOFError from None
 
     def _decode(self) -> Iterator[NDArray[np.uint8] | None]:
         from av import error as av_error
