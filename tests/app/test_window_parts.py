@@ -216,7 +216,7 @@ def test_the_loop_draws_the_avatar_that_is_picked() -> None:
     head = Head(drawing, identity.load("ben"), drawing, None)  # type: ignore[arg-type]
     rest = (clock, Stages(), info, 0, False, Picks())
     drive(Sound(), Steps(), head, [Keep()], *rest)  # type: ignore[arg-type]
-    assert drawing.drawn == ["ben"] * 4 + ["kofi"] * 6
+    assert drawing.drawn == ["ben"] * 5 + ["kofi"] * 6  # the first one warms up
 
 
 def test_a_window_has_the_pace_of_the_recording() -> None:
