@@ -4,6 +4,7 @@ The rig has every ARKit shape but tongueOut, and two sides of browInnerUp and ch
 """
 
 import csv
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -25,7 +26,8 @@ _SINGLE = (
 NAMES = sorted([*(f"{n}{s}" for n in _SIDED for s in ("Left", "Right")), *_SINGLE])
 
 
-def matrix(rig_names: list[str]) -> Floats:  # [52, 53]
+@lru_cache
+def matrix(rig_names: tuple[str, ...]) -> Floats:  # [52, 53]
     """rig = arkit @ matrix; back, split sides give their mean."""
     out = np.zeros((len(NAMES), len(rig_names)), np.float32)
     for row, name in enumerate(NAMES):
@@ -43,12 +45,17 @@ def _is_sided(name: str) -> bool:
 
 
 def to_rig(arkit: Floats, rig_names: list[str]) -> Floats:  # [..., 52] -> [..., 53]
-    return arkit.astype(np.float32) @ matrix(rig_names)
+    return arkit.astype(np.float32) @ matrix(tuple(rig_names))
 
 
 def from_rig(rig: Floats, rig_names: list[str]) -> Floats:  # [..., 53] -> [..., 52]
+    return rig.astype(np.float32) @ _back(tuple(rig_names))
+
+
+@lru_cache
+def _back(rig_names: tuple[str, ...]) -> Floats:  # [53, 52]
     forth = matrix(rig_names)
-    return rig.astype(np.float32) @ (forth / np.maximum(forth.sum(1, keepdims=True), 1)).T
+    return (forth / np.maximum(forth.sum(1, keepdims=True), 1)).T
 
 
 def read_live_link(path: Path) -> Floats:  # [T, 52]

@@ -27,6 +27,7 @@ ARKIT_NAMES = (
     *("noseSneerLeft", "noseSneerRight", "tongueOut"),
 )
 FULL_YAW_DEG, FULL_PITCH_DEG = 30.0, 25.0  # gaze at which an eyeLook channel reaches 1
+_COLUMNS = [shapes.NAMES.index(name) for name in ARKIT_NAMES]
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _EXTRA = [f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in _ANGLES]
 
@@ -43,7 +44,7 @@ def arkit(
     rig_names: list[str],
 ) -> NDArray[np.float32]:  # [T, 52] 0..1, in the order of ARKIT_NAMES
     """Named blendshapes; the eyeLook channels follow the gaze, the tongue is never out."""
-    out = shapes.from_rig(rig, rig_names)[:, [shapes.NAMES.index(name) for name in ARKIT_NAMES]]
+    out = shapes.from_rig(rig, rig_names)[:, _COLUMNS]
     angles = np.degrees(gaze_angles(gaze)) / [FULL_YAW_DEG, FULL_PITCH_DEG]
     for eye, (side, outward) in enumerate((("Left", 1), ("Right", -1))):
         yaw, up = outward * angles[:, eye, 0], angles[:, eye, 1]
