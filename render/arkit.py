@@ -26,9 +26,13 @@ _SINGLE = (
 NAMES = sorted([*(f"{n}{s}" for n in _SIDED for s in ("Left", "Right")), *_SINGLE])
 
 
-@lru_cache
-def matrix(rig_names: tuple[str, ...]) -> Floats:  # [52, 53]
+def matrix(rig_names: list[str]) -> Floats:  # [52, 53]
     """rig = arkit @ matrix; back, split sides give their mean."""
+    return _forth(tuple(rig_names))
+
+
+@lru_cache
+def _forth(rig_names: tuple[str, ...]) -> Floats:
     out = np.zeros((len(NAMES), len(rig_names)), np.float32)
     for row, name in enumerate(NAMES):
         sided = name.removesuffix("Left") + "_L" if name.endswith("Left") else ""
@@ -45,7 +49,7 @@ def _is_sided(name: str) -> bool:
 
 
 def to_rig(arkit: Floats, rig_names: list[str]) -> Floats:  # [..., 52] -> [..., 53]
-    return arkit.astype(np.float32) @ matrix(tuple(rig_names))
+    return arkit.astype(np.float32) @ matrix(rig_names)
 
 
 def from_rig(rig: Floats, rig_names: list[str]) -> Floats:  # [..., 53] -> [..., 52]
@@ -54,7 +58,7 @@ def from_rig(rig: Floats, rig_names: list[str]) -> Floats:  # [..., 53] -> [...,
 
 @lru_cache
 def _back(rig_names: tuple[str, ...]) -> Floats:  # [53, 52]
-    forth = matrix(rig_names)
+    forth = _forth(rig_names)
     return (forth / np.maximum(forth.sum(1, keepdims=True), 1)).T
 
 
