@@ -37,6 +37,7 @@ def measure_render(avatar: str) -> dict[str, Any]:
     from render.contexts import create_context
     from render.decoder import Decoder
     from render.renderer import create_renderer, wrap_context
+    from render.types import AHEAD
 
     decoder, who = Decoder.load(), identity.load(avatar)
     ours = create_renderer()
@@ -45,8 +46,7 @@ def measure_render(avatar: str) -> dict[str, Any]:
         "first": FirstTileRenderer(create_context()),
         "quads": wrap_context(create_context(), "quads"),
     }
-    forward = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
-    _, cloud = decoder.decode(np.zeros(256, np.float32), forward, who)
+    _, cloud = decoder.decode(np.zeros(256, np.float32), AHEAD, who)
     metrics: dict[str, float] = {}
     table = Table("Gaussians", "px", *(f"{name} ms" for name in rivals), "first / ours")
     for count, size in tqdm(CASES, unit="case", disable=None):

@@ -18,14 +18,14 @@ def every_face() -> tuple[Callable[[Floats], list[Floats]], dict[str, NDArray[np
     """rig [53] -> the vertices of every shipped avatar, looking ahead; and the vertex sets."""
     from render import identity
     from render.decoder import Decoder
+    from render.types import AHEAD
 
     decoder = Decoder.load()
     people = [identity.load(name) for name in identity.names()]
-    ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
     def vertices(rig: Floats) -> list[Floats]:
         code = decoder.encode(rig.astype(np.float32))
-        return [decoder.vertices(code, ahead, who) for who in people]
+        return [decoder.vertices(code, AHEAD, who) for who in people]
 
     return vertices, decoder.regions
 

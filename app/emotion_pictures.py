@@ -32,6 +32,7 @@ def _portraits(judged: "Judgement") -> tuple[list[str], list[list[np.ndarray]]]:
     from encoder.inference import load_driver
     from render import cameras, identity
     from render.renderer import create_renderer
+    from render.types import AHEAD
 
     driver, who = load_driver(judged.weights, "cpu"), identity.load(judged.command.avatar)
     assert driver.emotions is not None
@@ -39,13 +40,12 @@ def _portraits(judged: "Judgement") -> tuple[list[str], list[list[np.ndarray]]]:
     names = ["neutral", *driver.emotions.labels]
     codes = [drive(driver, sound, name, judged.command.seed) for name in names]
     frames = np.linspace(30, len(codes[0]) - 1, COLUMNS).astype(int)
-    ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
     renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=330)
     rows: list[list[np.ndarray]] = []
     for row in codes:
         pictures: list[np.ndarray] = []
         for t in frames:
-            _, cloud = judged.decoder.decode(row[t], ahead, who)
+            _, cloud = judged.decoder.decode(row[t], AHEAD, who)
             renderer.draw(cloud, camera)
             pictures.append(renderer.read_rgba()[..., :3].copy())
         rows.append(pictures)

@@ -24,11 +24,9 @@ from encoder.driver import DrivenFrame, Driver, DriverState
 from render import identity
 from render.decoder import EXPRESSION_DIM, Decoder
 from render.identity import Identity
-from render.types import Camera, Renderer
+from render.types import AHEAD, Camera, Renderer
 from sensors.assemble import Assembler
 from sensors.types import FPS, NS, Clock, Packet, Source
-
-FORWARD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 
 
 @dataclass
@@ -132,7 +130,7 @@ def _fulfilled(
 
 def _warm_up(head: Head) -> None:
     """Draw a face at rest: what is compiled on first use is compiled before the clock starts."""
-    _, gaussians = head.decoder.decode(np.zeros(EXPRESSION_DIM, np.float32), FORWARD, head.identity)
+    _, gaussians = head.decoder.decode(np.zeros(EXPRESSION_DIM, np.float32), AHEAD, head.identity)
     head.renderer.draw(gaussians, head.camera)
 
 

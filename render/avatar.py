@@ -28,8 +28,8 @@ class Maker:
     def __init__(
         self, folder: Path = weights_file.FOLDER, context: GLContext | None = None
     ) -> None:
-        self._t, _ = weights_file.load(folder / "prior", prior_file.KIND)
-        fields = prior_file.load(folder)
+        self._t, card = weights_file.load(folder / "prior", prior_file.KIND)
+        fields = prior_file.parts(self._t, card)
         self.posing, self.surface = fields["posing"], fields["surface"]
         self.faces, self.regions = fields["faces"], fields["regions"]
         self.template = prior_file.template(self._t)

@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from render import mesh_parts
 from render.posing import Posing, sphere_centre
 from render.surface import STRETCH, Surface
+from render.types import AHEAD
 
 Floats = NDArray[np.float32]
 NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
-AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 
 
 def cover(

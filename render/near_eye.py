@@ -20,6 +20,7 @@ from render.decoder import Decoder
 from render.identity import Identity
 from render.near_eye_look import MAX_LEDS, Look
 from render.near_eye_sensor import expose
+from render.types import AHEAD
 
 if TYPE_CHECKING:
     import moderngl
@@ -77,9 +78,9 @@ class NearEye:
 
     def wear(self, identity: Identity, look: Look, rng: np.random.Generator) -> Wearer:
         """Put the headset on somebody: cut the skin around both eyes and grow lashes and brows."""
-        decoder, ahead = self.decoder, np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+        decoder = self.decoder
         rest = decoder.encode(np.zeros(len(decoder.rig_names), np.float32))
-        neutral = np.asarray(decoder.vertices(rest, ahead, identity))
+        neutral = np.asarray(decoder.vertices(rest, AHEAD, identity))
         regions = decoder.regions
         skins = [
             parts.eye_skin(

@@ -26,7 +26,11 @@ Tensors = dict[str, NDArray[Any]]
 
 def load(folder: Path) -> dict[str, Any]:
     """The fields of render.decoder.Decoder."""
-    t, card = weights_file.load(folder / "prior", KIND)
+    return parts(*weights_file.load(folder / "prior", KIND))
+
+
+def parts(t: Tensors, card: dict[str, Any]) -> dict[str, Any]:
+    """The same from what was read."""
     regions = {
         name.removeprefix("region_"): t[name].astype(np.int32)
         for name in t

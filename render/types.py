@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from render.errors import InputError
 
+AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)  # gaze of both eyes
 DEFAULT_BACKGROUND = (0.16, 0.16, 0.16)
 
 

@@ -12,8 +12,7 @@ from app.web.info import ServerInfo
 from encoder.driver import DrivenFrame
 from render import identity
 from render.decoder import EXPRESSION_DIM, Decoder
-
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+from render.types import AHEAD
 
 
 class Head:
