@@ -14,13 +14,12 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from render import kernels, weights_file
-from render import surface as surfaces
 from render.coding import EXPRESSION_DIM, Coding
 from render.identity import Identity
 from render.light_decoder import LightNet
 from render.lighting import HALF
 from render.posing import Posing, turn
-from render.surface import Still, Surface
+from render.surface import Placed, Still, Surface
 from render.types import Gaussians, Mesh
 
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder", "turn"]
@@ -28,7 +27,6 @@ KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 CORNEA_MM, CORNEA_RADIUS_MM = np.array([1.11, 0.07, 8.68], np.float32), 9.0  # from the eye's centre
 HIGHLIGHT_MM, HIGHLIGHT_OPACITY = 0.5, 0.85
-ROUND = np.array([1, 1, surfaces.FLATNESS], np.float32)  # flat, round in its plane
 MOUTH_OPENS_MM = 0.4  # gap of the lips at which the inside of the mouth is drawn in full
 Floats = NDArray[np.float32]
 
@@ -36,7 +34,7 @@ Floats = NDArray[np.float32]
 class Known(NamedTuple):
     """What follows from an identity alone."""
 
-    light: Floats  # [2, texels] of the light decoder at rest
+    light: Floats  # [texels, 2] of the light decoder at rest
     still: Still
     reflected: Floats  # [N, 3] linear albedo
     opacities: Floats  # [N]
@@ -111,10 +109,12 @@ class Decoder:
     def seen(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [2, U]
         """Shares of the sky and of the key light that reach each used vertex."""
         code = self.coding.normalised(expression.astype(np.float32))
-        change = self.light(code, identity.biases).T - self._follows(identity).light
-        out = np.stack([self.read @ change[0], self.read @ change[1]])
-        out += identity.seen
-        return np.clip(out, 0, 1, out=out)
+        change = self.light(code, identity.biases) - self._follows(identity).light
+        out = np.empty_like(identity.seen)
+        starts, texels = (np.asarray(x, np.int32) for x in (self.read.indptr, self.read.indices))
+        weights = np.asarray(self.read.data, np.float32)
+        kernels.read_light(starts, texels, weights, change, identity.seen, out)
+        return out
 
     def decode(
         self,
@@ -125,19 +125,19 @@ class Decoder:
         """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, highlights and hair."""
         vertices = self.vertices(expression, gaze, identity)
         known = self._follows(identity)
-        placed = self.surface.place(vertices, self.seen(expression, identity), known.still)
-        count, hair = len(placed.widths), identity.hair
+        count, hair = len(known.opacities), identity.hair
         total = count + 2 + len(hair)
         means, quats = np.empty((total, 3), np.float32), np.empty((total, 4), np.float32)
         scales, opacities = np.empty((total, 3), np.float32), np.empty(total, np.float32)
         colors = np.empty((total, 3), np.float32)
 
-        means[:count], quats[:count] = placed.means, placed.quats
-        np.multiply(placed.widths[:, None], ROUND, out=scales[:count])
+        light = np.empty((count, 4), np.float32)
+        placed = Placed(means[:count], quats[:count], scales[:count], light)
+        self.surface.place(vertices, self.seen(expression, identity), known.still, placed)
+        kernels.paint(known.reflected, light, colors[:count])
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
         opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
-        kernels.paint(known.reflected, placed.light, colors[:count])
 
         shine = slice(count, count + 2)
         for eye, side in enumerate((1, -1)):
@@ -156,7 +156,7 @@ class Decoder:
         if known is None:
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
             known = Known(
-                self.light(neutral, identity.biases).T,
+                self.light(neutral, identity.biases),
                 self.surface.still(identity.geometry),
                 identity.albedo * identity.albedo,
                 self.opacities * identity.shown,

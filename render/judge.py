@@ -79,7 +79,7 @@ class Judge:
         surface, around = self.decoder.surface, self.decoder.surface.face
         colors = self.assembly.colors.copy()
         sums, rest_sums = (around.normals(v)[1] for v in (vertices, who.rest.geometry))
-        colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums)).T
+        colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums))
         self._dress(who)
         return self._mesh.draw(vertices, self.assembly.normals(vertices), colors, light, camera)
 

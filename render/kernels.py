@@ -1,4 +1,4 @@
-"""Loops of the decoder and of the tile renderer: one pass over memory where numpy takes many.
+"""Loops of the decoder: one pass over memory where numpy takes many.
 
 numba compiles them on first use (seconds, once a machine) and keeps the result beside this file.
 All run on one thread and add in a fixed order: the same input gives the same bits.
@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
-WHOLE = np.uint8(255)  # byte of a row: the splat reaches every tile of its box
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -19,7 +18,7 @@ def around_vertices(
     vertices: Floats,  # [V, 3] mm
     corners: Ints,  # [F, 3] vertices of the triangles
     rows: Ints,  # [F, 3] where their corners are gathered, or -1
-    normals: Floats,  # -> [n, 3] sum of the crossed edges around each vertex
+    normals: Floats,  # -> [n, 3] unit
     sums: Floats,  # -> [n] sum of twice the areas around it
     areas: Floats,  # -> [F] mm^2, twice those of the triangles
 ) -> None:
@@ -40,6 +39,133 @@ def around_vertices(
                 normals[row, 1] += y
                 normals[row, 2] += z
                 sums[row] += area
+    for n in range(len(normals)):
+        x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+        length = np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
+        for k in range(3):
+            normals[n, k] /= length
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def face(
+    normals: Floats,  # [n, 3] unit
+    rows: Ints,  # [n]
+    behind: np.float32,
+    quats: Floats,  # -> [U, 4] these rows; see surface.facing
+) -> None:
+    for n in range(len(normals)):
+        row = rows[n]
+        quats[row, 0] = normals[n, 2] + behind
+        quats[row, 1] = -normals[n, 1]
+        quats[row, 2] = normals[n, 0]
+        quats[row, 3] = 0
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def flush(
+    sums: Floats,  # [n] mm^2
+    rest_sums: Floats,  # [n] mm^2
+    blood: Floats,  # [n] 1 where the colour changes, else 0
+    color: Floats,  # [3] of a doubled area
+    low: np.float32,
+    high: np.float32,
+    gains: Floats,  # -> [n, 3]
+) -> None:
+    one = np.float32(1)
+    for n in range(len(sums)):
+        stretch = (min(max(sums[n] / rest_sums[n], low), high) - one) * blood[n]
+        for k in range(3):
+            gains[n, k] = one + stretch * color[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def widen(
+    areas: Floats,  # [F] mm^2
+    triangles: Ints,  # [N] whose area an anchor's width follows, or -1
+    rest_areas: Floats,  # [N] mm^2
+    widths: Floats,  # [N] mm at `rest_areas`, where it follows
+    still: Floats,  # [N] mm, where it does not
+    low: np.float32,
+    high: np.float32,
+    flatness: np.float32,
+    scales: Floats,  # -> [N, 3] mm
+) -> None:
+    for n in range(len(triangles)):
+        width = still[n]
+        if triangles[n] >= 0:
+            stretch = np.sqrt(areas[triangles[n]] / rest_areas[n])
+            width = widths[n] * min(max(stretch, low), high)
+        scales[n, 0] = scales[n, 1] = width
+        scales[n, 2] = width * flatness
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def receive(
+    normals: Floats,  # [n, 3] unit
+    rows: Ints,  # [n]
+    gains: Floats,  # [n, 3] of linear light
+    towards: Floats,  # [4, 3] unit: fill, rim and key light; where the key light mirrors
+    lamps: Floats,  # [3, 3, 2] of each light and channel: gain and offset over the cosine
+    sky: Floats,  # [3, 2] the same over the height
+    out: Floats,  # -> [U, 8] these rows; see Lighting.parts
+) -> None:
+    zero = np.float32(0)
+    for n in range(len(normals)):
+        x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+        row = rows[n]
+        fill = towards[0, 0] * x + towards[0, 1] * y + towards[0, 2] * z
+        rim = towards[1, 0] * x + towards[1, 1] * y + towards[1, 2] * z
+        key = towards[2, 0] * x + towards[2, 1] * y + towards[2, 2] * z
+        for k in range(3):
+            total = sky[k, 0] * y + sky[k, 1]
+            total += max(lamps[0, k, 0] * fill + lamps[0, k, 1], zero)
+            total += max(lamps[1, k, 0] * rim + lamps[1, k, 1], zero)
+            out[row, k] = gains[n, k] * total
+            out[row, 3 + k] = gains[n, k] * max(lamps[2, k, 0] * key + lamps[2, k, 1], zero)
+        half = towards[3, 0] * x + towards[3, 1] * y + towards[3, 2] * z
+        half = max(half, np.float32(0.5))  # no denormals in its powers: slow
+        half *= half  # ^2
+        half *= half
+        half *= half
+        half *= half  # ^16
+        out[row, 6] = half
+        half *= half
+        out[row, 7] = half * half
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def shade(
+    parts: Floats,  # [n, 8] see Lighting.parts
+    shine: Floats,  # [2, n] weights of sheen and gloss
+    seen: Floats,  # [2, n] shares of the sky and of the key light
+    bounce: np.float32,  # share of the sky that is always seen
+    out: Floats,  # -> [n, 4] linear red, green, blue on a white surface; shine
+) -> None:
+    for n in range(len(parts)):
+        lit = seen[1, n]
+        ambient = bounce + (np.float32(1) - bounce) * seen[0, n]
+        for k in range(3):
+            out[n, k] = parts[n, k] * ambient + parts[n, 3 + k] * lit
+        out[n, 3] = (shine[0, n] * parts[n, 6] + shine[1, n] * parts[n, 7]) * lit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def read_light(
+    starts: Ints,  # [U + 1] a sparse map [U, texels] by rows
+    texels: Ints,
+    weights: Floats,
+    change: Floats,  # [texels, 2] since rest
+    rest: Floats,  # [2, U] shares of light that are seen at rest
+    out: Floats,  # -> [2, U] 0..1
+) -> None:
+    zero, one = np.float32(0), np.float32(1)
+    for u in range(len(starts) - 1):
+        sky, lamp = rest[0, u], rest[1, u]
+        for e in range(starts[u], starts[u + 1]):
+            texel = np.uintp(texels[e])
+            sky += weights[e] * change[texel, 0]
+            lamp += weights[e] * change[texel, 1]
+        out[0, u], out[1, u] = min(max(sky, zero), one), min(max(lamp, zero), one)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -76,83 +202,3 @@ def paint(
         for k in range(3):
             value = reflected[n, k] * light[n, k] + light[n, 3]
             colors[n, k] = np.sqrt(min(max(value, np.float32(0)), np.float32(1)))
-
-
-@njit(cache=True, nogil=True)
-def nearest_first(
-    bits: NDArray[np.uint32],  # [N] of depths, which sort like the floats they are: all positive
-    hidden: np.uint32,  # those from here on are left out
-    order: NDArray[np.uint32],  # -> [N] indices, nearest first, equal ones as they come
-    work: NDArray[np.uint32],  # [N]
-) -> int:  # how many
-    """A radix sort of three times 11 bits: half the time of numpy's."""
-    counts = np.zeros((3, 2049), np.uint32)
-    total = 0
-    for i in range(len(bits)):
-        key = bits[i]
-        if key < hidden:
-            work[total] = i
-            total += 1
-            for digit in range(3):
-                counts[digit, np.uintp((key >> (11 * digit)) & 2047) + 1] += 1
-    source, target = work, order
-    for digit in range(3):
-        places = np.cumsum(counts[digit])
-        for n in range(total):
-            i = source[n]
-            place = np.uintp((bits[i] >> (11 * digit)) & 2047)
-            target[places[place]] = i
-            places[place] += 1
-        source, target = target, source
-    return total
-
-
-@njit(cache=True, nogil=True)
-def count_tiles(
-    boxes: NDArray[np.uint32],  # [M, 2 or more] tiles: x0 | y0 << 16, x1 | y1 << 16
-    rows: NDArray[np.uint8],  # [M, 8] left out << 4 | reached, or WHOLE
-    across: int,
-    counts: NDArray[np.uint32],  # -> [tiles] splats that reach each tile
-) -> None:
-    counts[:] = 0
-    for m in range(len(boxes)):
-        x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
-        x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        if rows[m, 0] == WHOLE:
-            for y in range(y0, y1):
-                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
-                    counts[tile] += 1
-        else:
-            for k in range(y1 - y0):
-                row = rows[m, k]
-                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
-                for tile in range(first, first + np.uintp(row & 15)):
-                    counts[tile] += 1
-
-
-@njit(cache=True, nogil=True)
-def deal_to_tiles(
-    boxes: NDArray[np.uint32],
-    rows: NDArray[np.uint8],
-    across: int,
-    places: NDArray[np.uint32],  # [tiles] first place of each tile; moved to its end
-    ranks: NDArray[np.uint32],  # -> [P] splats, tile after tile
-) -> None:
-    # As above. Unsigned numbers need no test for Python's negative indices: a third less time.
-    for m in range(len(boxes)):
-        x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
-        x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        if rows[m, 0] == WHOLE:
-            for y in range(y0, y1):
-                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
-                    place = np.uintp(places[tile])
-                    ranks[place] = m
-                    places[tile] = place + 1
-        else:
-            for k in range(y1 - y0):
-                row = rows[m, k]
-                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
-                for tile in range(first, first + np.uintp(row & 15)):
-                    place = np.uintp(places[tile])
-                    ranks[place] = m
-                    places[tile] = place + 1

@@ -6,13 +6,17 @@ square of a stored colour (gamma 2): a square root is the cheapest way back.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render import kernels
+
 Floats = NDArray[np.float32]
+Ints = NDArray[np.int32]
 WRAP = np.array([0.30, 0.16, 0.12], np.float32)  # how far red, green, blue reach into the shade
-BOUNCE = 0.20  # share of the sky that reaches even a mouth, from skin to skin
+BOUNCE = np.float32(0.20)  # share of the sky that reaches even a mouth, from skin to skin
 VIEWER = np.array([0.0, 0.0, 1.0])  # shine is baked for someone in front of the face
 
 
@@ -24,9 +28,9 @@ def _unit(*xyz: float) -> Floats:
 KEY = _unit(0.42, 0.55, 0.80)
 FILL = _unit(-0.75, 0.15, 0.65)
 RIM = _unit(-0.55, 0.45, -0.80)
-TOWARDS = np.stack([FILL, RIM, KEY], 1)  # [3, 3] a column a light
 SKIN_SHINE, EYE_SHINE, WET_SHINE = (0.045, 0.0), (0.02, 0.0), (0.0, 0.10)  # soft, gloss
 HALF = _unit(*(KEY + VIEWER))  # where the key light mirrors towards the viewer
+TOWARDS = np.stack([FILL, RIM, KEY, HALF])  # [4, 3]
 
 
 @dataclass(frozen=True)
@@ -39,38 +43,45 @@ class Lighting:
     sky: tuple[float, float, float] = (0.30, 0.31, 0.33)
     ground: tuple[float, float, float] = (0.20, 0.17, 0.15)
 
-    def parts(self, normals: Floats) -> tuple[Floats, Floats]:
-        """Light on a white surface [3, n] unit normals -> from sky, fill and rim; from the key.
+    def parts(self, normals: Floats) -> Floats:  # [n, 3] unit -> [n, 8]
+        """Linear light on a white surface that sees all of it: 0..2 from sky, fill and rim, 3..5
+        from the key light; 6 sheen of skin (power 16), 7 gloss of wet surfaces (power 64)."""
+        out, rows = np.empty((len(normals), 8), np.float32), np.arange(len(normals), dtype=np.int32)
+        self.renew(normals, rows, np.ones_like(normals), out)
+        return out
 
-        Channels first: numpy is ten times faster on whole rows.
-        """
-        fill, rim, key = TOWARDS.T @ normals
-        sky, lamp = np.empty_like(normals), np.empty_like(normals)
-        term = np.empty_like(fill)
-        for k in range(3):
-            up, down, total = self.sky[k], self.ground[k], sky[k]
-            np.multiply(normals[1], np.float32(0.5 * (up - down)), out=total)
-            total += np.float32(0.5 * (up + down))
-            total += _wrapped(fill, self.fill[k], WRAP[k], term)
-            total += _wrapped(rim, self.rim[k], WRAP[k], term)
-            _wrapped(key, self.key[k], WRAP[k], lamp[k])
-        return sky, lamp
+    def renew(self, normals: Floats, rows: Ints, gains: Floats, parts: Floats) -> None:
+        """Write these rows [n] of `parts` [U, 8] anew, of normals [n, 3] and times gains [n, 3]."""
+        kernels.receive(normals, rows, gains, TOWARDS, *self._terms, parts)
+
+    @cached_property
+    def _terms(self) -> tuple[Floats, Floats]:  # [3, 3, 2], [3, 2]
+        """Gain and offset over the cosine: of each lamp and channel, of the sky."""
+        gains = np.array([self.fill, self.rim, self.key], np.float32) / (1 + WRAP)
+        up, down = np.array(self.sky, np.float32), np.array(self.ground, np.float32)
+        half = np.float32(0.5)
+        return np.stack([gains, gains * WRAP], 2), half * np.stack([up - down, up + down], 1)
 
     def shade(
         self,
-        normals: Floats,  # [3, n] unit
+        normals: Floats,  # [n, 3] unit
         ambient: Floats,  # [n] 0..1 share of the sky that is seen
         lit: Floats,  # [n] 0..1 share of the key light that is seen
-    ) -> Floats:  # [3, n] linear light on a white surface
+    ) -> Floats:  # [n, 3] linear light on a white surface
         """What the fragment shader computes too (shaders/mesh.frag.glsl)."""
-        return shaded(*self.parts(normals), ambient, lit)
+        seen = np.stack([ambient, lit]).astype(np.float32)
+        return shaded(self.parts(normals), np.zeros_like(seen), seen)[:, :3]
 
 
-def shaded(sky: Floats, lamp: Floats, ambient: Floats, lit: Floats) -> Floats:
-    """Both parts of the light [3, n] under what is seen of them [n] -> [3, n]."""
-    out = sky * (np.float32(BOUNCE) + np.float32(1 - BOUNCE) * ambient)
-    out += lamp * lit
-    return out.astype(np.float32, copy=False)
+def shaded(
+    parts: Floats,  # [n, 8] see Lighting.parts
+    shine: Floats,  # [2, n] weights of sheen and gloss
+    seen: Floats,  # [2, n] shares of the sky and of the key light that are seen
+) -> Floats:  # [n, 4] linear red, green, blue on a white surface; shine
+    """Light under what is seen of it."""
+    out = np.empty((len(parts), 4), np.float32)
+    kernels.shade(parts, shine, seen, BOUNCE, out)
+    return out
 
 
 STUDIO = Lighting()
@@ -91,21 +102,3 @@ LIGHTINGS = {
         (0.2, 0.15, 0.1),
     ),
 }
-
-
-def shine(normals: Floats) -> tuple[Floats, Floats]:  # [3, n] -> [n], [n]
-    """Sheen of skin (power 16) and gloss of wet surfaces (power 64), for a weight of 1."""
-    facing = np.maximum(HALF @ normals, np.float32(0.5))  # no denormals in its powers: slow
-    facing *= facing  # ^2
-    facing *= facing
-    facing *= facing  # ^8
-    soft = facing * facing  # ^16
-    gloss = soft * soft
-    return soft, gloss * gloss
-
-
-def _wrapped(cosine: Floats, color: float, wrap: np.float32, out: Floats) -> Floats:  # [n] -> [n]
-    gain = np.float32(color) / (1 + wrap)
-    np.multiply(cosine, gain, out=out)
-    out += gain * wrap
-    return np.maximum(out, 0, out=out)

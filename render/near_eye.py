@@ -200,14 +200,17 @@ class NearEye:
         layout = " ".join(
             "3f" if n in program else "3x4" for n in ("in_place", "in_normal", "in_rest")
         )
-        content = [(gl.buffer(np.ascontiguousarray(rows, "f4").tobytes()), layout, *names)]
+        values = gl.buffer(np.ascontiguousarray(rows, "f4").tobytes())
         index = gl.buffer(faces.astype("i4").tobytes()) if faces is not None else None
-        return gl.vertex_array(program, content, index)
+        array = gl.vertex_array(program, [(values, layout, *names)], index)
+        array.extra = [buffer for buffer in (values, index) if buffer]
+        return array
 
     def _draw_now(self, name: str, rows: Floats, faces: NDArray[np.int32] | None = None) -> None:
         array = self._buffer(name, rows, faces)
         array.render()
-        array.release()
+        for part in (array, *array.extra):  # an array does not free what it draws
+            part.release()
 
 
 def _set(program: Any, name: str, value: Any) -> None:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from render import kernels
+from render import tile_kernels
 from render.storage import GrowingBuffer, splat_shader
 from render.types import Camera, Gaussians
 
@@ -69,7 +69,7 @@ class Projector:
         self._depth_buffer.read(self._depths)
         self._box_buffer.read(self.boxes)
         self.dropped = int(np.count_nonzero(self._depths == BROKEN))
-        count = kernels.nearest_first(
+        count = tile_kernels.nearest_first(
             self._depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._work
         )
         return self._order[:count]

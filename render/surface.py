@@ -22,9 +22,12 @@ SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
 SHINE = np.array([lighting.SKIN_SHINE, lighting.EYE_SHINE, lighting.WET_SHINE, (0, 0)], np.float32)
 FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width
 FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a doubled area
-FLUSHES = (0.6, 1.35)  # share of the area at rest; beyond it the colour stays
+FLUSHES = (
+    np.float32(0.6),
+    np.float32(1.35),
+)  # share of the area at rest; beyond it the colour stays
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
-STRETCH = (0.6, 1.5)  # how far the width follows the triangle
+STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
 
 
 @dataclass(frozen=True)
@@ -36,23 +39,21 @@ class Around:
     count: int  # n
 
     def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
-        """[V, 3] mm -> unit normals [3, n], twice the areas around each vertex [n] and of each
+        """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
         triangle [F], mm^2."""
-        out, sums = np.empty((self.count, 3), np.float32), np.empty(self.count, np.float32)
+        normals, sums = np.empty((self.count, 3), np.float32), np.empty(self.count, np.float32)
         areas = np.empty(len(self.corners), np.float32)
-        kernels.around_vertices(vertices, self.corners, self.rows, out, sums, areas)
-        normals = np.ascontiguousarray(out.T)
-        normals /= np.sqrt(np.einsum("kn,kn->n", normals, normals) + np.float32(1e-12))
+        kernels.around_vertices(vertices, self.corners, self.rows, normals, sums, areas)
         return normals, sums, areas
 
 
 class Placed(NamedTuple):
-    """Gaussians on the skin, but for their colours."""
+    """Gaussians on the skin, but for what colours them."""
 
     means: Floats  # [N, 3] mm
     quats: Floats  # [N, 4] wxyz, see facing
+    scales: Floats  # [N, 3] mm: flat, round in its plane
     light: Floats  # [N, 4] linear red, green, blue on a white surface; shine
-    widths: Floats  # [N] mm
 
 
 @dataclass(frozen=True)
@@ -60,9 +61,7 @@ class Still:
     """What follows from a person at rest; the neck, teeth and scalp keep it when the face moves."""
 
     quats: Floats  # [U, 4] see facing
-    sky: Floats  # [3, U] see Lighting.parts
-    lamp: Floats  # [3, U]
-    shine: Floats  # [U] where the key light is seen in full
+    parts: Floats  # [U, 8] see Lighting.parts
     sums: Floats  # [L] twice the area around each live vertex
     widths: Floats  # [N] mm
 
@@ -77,21 +76,18 @@ class Surface:
     face: Around  # the live ones
     interpolate: csr_array  # [N, U] vertices -> anchors
     triangle: Ints  # [N] triangle of `whole` an anchor lies on
-    live_anchors: Ints  # [A] anchors on triangles of `face`, and ...
-    live_triangle: Ints  # [A] ... which
+    live_triangle: Ints  # [N] the triangle of `face` an anchor lies on, or -1
     rest_areas: Floats  # [N] mm^2, twice its triangle's area on the mean face
     scales: Floats  # [N] mm, standard deviation at rest on the mean face
-    shine: Floats  # [2, U] weights of sheen and gloss, see lighting.shine
+    shine: Floats  # [2, U] weights of sheen and gloss
     blood: Floats  # [L] 1 where the skin changes colour as it stretches, else 0
 
     def still(self, vertices: Floats, lights: Lighting = STUDIO) -> Still:  # [V, 3] mm
         """Prepare a person; vertices are those of the face at rest."""
         normals, _, areas = self.whole.normals(vertices)
-        soft, gloss = lighting.shine(normals)
         return Still(
             facing(normals),
-            *lights.parts(normals),
-            self.shine[0] * soft + self.shine[1] * gloss,
+            lights.parts(normals),
             self.face.normals(vertices)[1],
             self.scales * _stretch(areas.take(self.triangle), self.rest_areas),
         )
@@ -101,31 +97,24 @@ class Surface:
         vertices: Floats,  # [V, 3] mm
         seen: Floats,  # [2, U] shares of the sky and of the key light
         still: Still,
+        out: Placed,  # filled
         lights: Lighting = STUDIO,
-    ) -> Placed:
+    ) -> None:
         """The anchored Gaussians of a posed face."""
-        live = self.live
         normals, sums, areas = self.face.normals(vertices)
-        quats = still.quats.copy()
-        quats[live] = facing(normals)
-
-        sky, lamp = lights.parts(normals)
-        flushed = self.flush(sums, still.sums)
-        sky *= flushed
-        lamp *= flushed
-        soft, gloss = lighting.shine(normals)
-        shine = soft * self._live_shine[0] + gloss * self._live_shine[1]
-        light = _lit(still.sky, still.lamp, still.shine, seen)
-        light[live] = _lit(sky, lamp, shine, seen.take(live, 1))
-
-        widths = still.widths.copy()
-        rest_areas, scales = self._live_rest
-        widths[self.live_anchors] = scales * _stretch(areas.take(self.live_triangle), rest_areas)
-        means, *others = (np.empty((len(widths), k), np.float32) for k in (3, 4, 4))
-        placed = Placed(means, others[0], others[1], widths)
+        quats, parts = still.quats.copy(), still.parts.copy()
+        kernels.face(normals, self.live, BEHIND, quats)
+        lights.renew(normals, self.live, self.flush(sums, still.sums), parts)
+        light = lighting.shaded(parts, self.shine, seen)
+        kernels.widen(
+            *(areas, self.live_triangle, self.rest_areas, self.scales, still.widths),
+            *(*STRETCH, FLATNESS, out.scales),
+        )
         corners, rows, weights = self._anchors
-        kernels.ride(vertices, quats, light, corners, rows, weights, *placed[:3])
-        return placed
+        kernels.ride(
+            *(vertices, quats, light, corners, rows, weights),
+            *(out.means, out.quats, out.light),
+        )
 
     @cached_property
     def _anchors(self) -> tuple[Ints, Ints, Floats]:  # [N, 3] each
@@ -134,21 +123,11 @@ class Surface:
         weights = self.interpolate.data.reshape(-1, 3).astype(np.float32)
         return self.used[rows], rows, weights
 
-    @cached_property
-    def _live_shine(self) -> Floats:  # [2, L]
-        return self.shine[:, self.live]
-
-    @cached_property
-    def _live_rest(self) -> tuple[Floats, Floats]:  # [A], [A]
-        return self.rest_areas[self.live_anchors], self.scales[self.live_anchors]
-
-    def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [3, L]
+    def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [L, 3]
         """Gain of linear light: stretched skin pales, pressed skin darkens and reddens."""
-        stretch = sums / rest_sums
-        np.clip(stretch, *FLUSHES, out=stretch)
-        stretch -= 1
-        stretch *= self.blood
-        return np.stack([1 + stretch * FLUSH[k] for k in range(3)])
+        gains = np.empty((len(sums), 3), np.float32)
+        kernels.flush(sums, rest_sums, self.blood, FLUSH, *FLUSHES, gains)
+        return gains
 
 
 def build(
@@ -180,8 +159,6 @@ def build(
     )
     a, b, c = (mesh[faces[triangles, k]].astype(np.float32) for k in range(3))
     areas = np.linalg.norm(np.cross(b - a, c - a), axis=1).astype(np.float32)
-    live_triangle = rows_face[triangles]
-    live_anchors = np.flatnonzero(live_triangle >= 0)
     return Surface(
         used=used.astype(np.int32),
         whole=whole,
@@ -189,8 +166,7 @@ def build(
         face=face,
         interpolate=interpolate,
         triangle=rows_whole[triangles],
-        live_anchors=live_anchors.astype(np.int32),
-        live_triangle=live_triangle[live_anchors],
+        live_triangle=rows_face[triangles],
         rest_areas=areas + np.float32(1e-9),
         scales=widths.astype(np.float32),
         shine=np.ascontiguousarray(SHINE[kinds[used]].T),
@@ -209,15 +185,13 @@ def _around(faces: Ints, drawn: Ints, vertices: Ints, count: int) -> tuple[Aroun
     return Around(near, row_of[near], len(vertices)), place
 
 
-def facing(normals: Floats) -> Floats:  # [3, n] unit -> [n, 4] wxyz
+def facing(normals: Floats) -> Floats:  # [n, 3] unit -> [n, 4] wxyz
     """The shortest turn from z to the normal; a splat is round in its plane, so it suffices.
 
     Linear in the normal, so what is mixed of such turns is the turn of the mixed normal.
     """
-    quats = np.zeros((normals.shape[1], 4), np.float32)
-    np.add(normals[2], BEHIND, out=quats[:, 0])
-    np.negative(normals[1], out=quats[:, 1])
-    quats[:, 2] = normals[0]
+    quats = np.empty((len(normals), 4), np.float32)
+    kernels.face(normals, np.arange(len(normals), dtype=np.int32), BEHIND, quats)
     return quats
 
 
@@ -226,13 +200,5 @@ def faced(quats: Floats) -> Floats:  # [n, 4] -> [n, 3]
     return np.stack([quats[:, 2], -quats[:, 1], quats[:, 0] - BEHIND], 1)
 
 
-def _lit(sky: Floats, lamp: Floats, shine: Floats, seen: Floats) -> Floats:  # -> [n, 4]
-    out = np.empty((len(shine), 4), np.float32)
-    out[:, :3] = lighting.shaded(sky, lamp, seen[0], seen[1]).T
-    np.multiply(shine, seen[1], out=out[:, 3])
-    return out
-
-
 def _stretch(areas: Floats, rest_areas: Floats) -> Floats:
-    out = np.sqrt(areas / rest_areas)
-    return np.clip(out, *STRETCH, out=out)
+    return np.clip(np.sqrt(areas / rest_areas), *STRETCH)

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from render import kernels
+from render import tile_kernels
 from render.errors import InputError
 
 MAX_PAIRS = 1 << 25  # of a picture; 128 MiB
@@ -22,16 +22,16 @@ class Pairs(NamedTuple):
 def deal(
     boxes: U32,  # [M, 2] tiles, nearest splat first: x0 | y0 << 16 and, excluded, x1 | y1 << 16
     size: tuple[int, int],  # tiles across, down
-    rows: NDArray[np.uint8] | None = None,  # [M, 8] left out << 4 | reached, or kernels.WHOLE
+    rows: NDArray[np.uint8] | None = None,  # [M, 8] left out << 4 | reached, or tile_kernels.WHOLE
 ) -> Pairs:
     """Pairs of splats and the tiles of their boxes or, where `rows` are told, of what they reach.
 
     Splats are dealt to their tiles in the order of depth, so nothing has to be sorted.
     """
     if rows is None:
-        rows = np.full((len(boxes), 8), kernels.WHOLE)
+        rows = np.full((len(boxes), 8), tile_kernels.WHOLE)
     starts = np.zeros(size[0] * size[1] + 1, np.uint32)
-    kernels.count_tiles(boxes, rows, size[0], starts[1:])
+    tile_kernels.count_tiles(boxes, rows, size[0], starts[1:])
     total = int(starts.sum(dtype=np.int64))
     if total > MAX_PAIRS:
         raise InputError(
@@ -40,5 +40,5 @@ def deal(
         )
     np.cumsum(starts, out=starts)
     ranks = np.empty(total, np.uint32)
-    kernels.deal_to_tiles(boxes, rows, size[0], starts[:-1].copy(), ranks)
+    tile_kernels.deal_to_tiles(boxes, rows, size[0], starts[:-1].copy(), ranks)
     return Pairs(ranks, starts)

@@ -116,8 +116,11 @@ class Studio:
         )
         still = self.surface.still(vertices, lights)
         light_seen = seen[self.surface.used].T.copy()
-        placed = self.surface.place(vertices, light_seen, still, lights)
-        stretch = placed.widths / self.surface.scales
+        placed = surface.Placed(
+            *(np.empty((len(still.widths), k), np.float32) for k in (3, 4, 3, 4))
+        )
+        self.surface.place(vertices, light_seen, still, placed, lights)
+        stretch = placed.scales[:, 0] / self.surface.scales
         return View(camera, placed, stretch, picture.astype(np.float32) / np.float32(255))
 
 

@@ -151,8 +151,8 @@ def _gaussians(means, along, outward, rgb, alpha, light, spacing: float | None, 
     crossing = np.sqrt(1 - np.clip(along @ KEY, -1, 1) ** 2)
     shine = np.sqrt(1 - np.clip(along @ HALF, -1, 1) ** 2) ** 60 * np.maximum(outward @ HALF, 0)
     shade = STUDIO.shade(
-        np.ascontiguousarray(outward.T), light[:, 0] * 0.9 + 0.05, light[:, 1] * crossing
-    ).T
+        np.ascontiguousarray(outward, np.float32), light[:, 0] * 0.9 + 0.05, light[:, 1] * crossing
+    )
     rgb = rgb * np.clip(1 + STRAND_SPREAD * rng.standard_normal((len(rgb), 1)), 0.6, 1.5)
     linear = rgb**2 * shade * 1.1
     if not curly:

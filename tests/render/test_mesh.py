@@ -37,10 +37,9 @@ def test_shader_and_numpy_see_the_same_light(egl_context, direction, name):
     lights = lighting.LIGHTINGS[name]
     normal = np.array(direction, np.float32) / np.linalg.norm(direction)
     picture = draw(egl_context, normal, lights=lights)
-    column = normal[:, None].astype(np.float32)
-    light = lights.shade(column, np.float32([0.7]), np.float32([0.4]))[:, 0]
-    _, gloss = lighting.shine(column)
-    shine = lighting.WET_SHINE[1] * gloss[0] * 0.4
+    row = normal[None].astype(np.float32)
+    light = lights.shade(row, np.float32([0.7]), np.float32([0.4]))[0]
+    shine = lighting.WET_SHINE[1] * lights.parts(row)[0, 7] * 0.4
     expected = np.sqrt(np.clip(np.float32([0.6, 0.5, 0.4]) ** 2 * light + shine, 0, 1))
     np.testing.assert_allclose(picture[32, 32] / 255, expected, atol=1.5 / 255)
 

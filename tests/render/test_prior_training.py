@@ -41,9 +41,9 @@ class Studio:
         means = np.zeros((COUNT, 3), np.float32)
         means[:, :2] = np.random.default_rng(0).uniform(-40, 40, (COUNT, 2))
         light = np.tile(np.array([1, 1, 1, 0], np.float32), (COUNT, 1))
-        ahead = facing(np.tile(np.array([[0], [0], [1]], np.float32), (1, COUNT)))
+        ahead = facing(np.tile(np.array([[0, 0, 1]], np.float32), (COUNT, 1)))
         picture = np.full((48, 48, 3), 0.3 + 0.4 * (index // 2), np.float32)
-        return fit.View(portrait(48, 48), Placed(means, ahead, light, ones), ones, picture)
+        return fit.View(portrait(48, 48), Placed(means, ahead, means, light), ones, picture)
 
 
 def test_the_fit_goes_on_where_it_stopped(tmp_path: Path):

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from render.kernels import WHOLE
+from render.tile_kernels import WHOLE
 from render.tile_pairs import deal
 
 
