@@ -2,11 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 if TYPE_CHECKING:
-    from torch import Tensor
-
     from app.train import Train
     from encoder.training.emotion import EmotionFace
     from encoder.training.loop import Run
@@ -21,25 +17,11 @@ LIP_VERTICES = {"lips": (6, 1.0)}
 
 def emotion_face() -> "EmotionFace":
     """The frozen decoder: the whole face, the lips, and the gaps between the inner lips."""
-    import torch
-
-    from app.face_mesh import face_mesh
     from app.training import face
     from encoder.training.emotion import EmotionFace
-    from render.decoder import Decoder
 
-    decoder = Decoder.load()
-    pairs = decoder.regions["lips"][face_mesh("ben").marks.pairs]  # [P, 2] vertices
-    rows = (pairs[..., None].astype(np.int64) * 3 + np.arange(3)).reshape(-1)
-    basis = np.asarray(decoder.basis[rows].todense(), np.float32).reshape(*pairs.shape, 3, -1)
-    moved = (basis[:, 0] - basis[:, 1]).reshape(-1, basis.shape[-1])  # [P * 3, 53]
-    to_gaps = torch.from_numpy(decoder.to_rig @ moved.T)
-
-    def gaps(codes: "Tensor") -> "Tensor":
-        flat = codes.float() @ to_gaps.to(codes.device)
-        return flat.reshape(*codes.shape[:-1], -1, 3)
-
-    return EmotionFace(face(FACE_VERTICES), face(LIP_VERTICES), gaps)
+    lips = face(LIP_VERTICES)
+    return EmotionFace(face(FACE_VERTICES), lips, lips.gaps)
 
 
 def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) -> None:

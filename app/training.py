@@ -5,6 +5,7 @@ losses look at are handed over from here. Every ablation of the paper is one row
 """
 
 import subprocess
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -68,7 +69,29 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
         return flat.reshape(*codes.shape[:-1], -1, 3)
 
     scale = torch.tensor([weights[int(v)] for v in chosen])
-    return Face(rig_to_code, vertices, scale / scale.mean())
+    return Face(rig_to_code, vertices, scale / scale.mean(), lip_gaps())
+
+
+def lip_gaps() -> "Callable[[Tensor], Tensor]":
+    """Codes [B, T, 256] -> [B, T, P, 3] mm: each pair of the inner lips against its gap at rest."""
+    import torch
+
+    from app.face_mesh import face_mesh
+    from render.decoder import Decoder
+
+    decoder = Decoder.load()
+    pairs = decoder.regions["lips"][face_mesh("ben").marks.pairs]  # [P, 2] vertices
+    rows = (pairs[..., None].astype(np.int64) * 3 + np.arange(3)).reshape(-1)
+    basis = np.asarray(decoder.basis[rows].todense(), np.float32).reshape(*pairs.shape, 3, -1)
+    moved = (basis[:, 0] - basis[:, 1]).reshape(-1, basis.shape[-1])  # [P * 3, 53]
+    to_gaps = torch.from_numpy(decoder.to_rig @ moved.T)
+
+    def gaps(codes: "Tensor") -> "Tensor":
+        with torch.autocast(codes.device.type, enabled=False):
+            flat = codes.float() @ to_gaps.to(codes.device)
+        return flat.reshape(*codes.shape[:-1], -1, 3)
+
+    return gaps
 
 
 def run_stage(command: "Train") -> None:

@@ -21,7 +21,13 @@ from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser, DenoiserConfig
 from encoder.diffusion import Schedule
 from encoder.training import loop, parallel
-from encoder.training.geometry import Face, jitter_loss, spread_loss, velocity_loss
+from encoder.training.geometry import (
+    Face,
+    contact_loss,
+    jitter_loss,
+    spread_loss,
+    velocity_loss,
+)
 from encoder.training.streams import AHEAD, GAZE_SCALE, Streams
 from sensors.types import InputError
 
@@ -49,6 +55,7 @@ class DiffusionConfig:
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 0.0  # per mm^2; only where one step must do, at tau = N
+    contact_weight: float = 1.0  # per mm
     lookahead: int = 0  # frames of future sound: a ceiling to compare with, not for live use
 
 
@@ -61,6 +68,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "batch": 256,
         "rate": 1e-4,
         "last_share": 0.0,
+        "contact_weight": 0.0,
     },
 }
 
@@ -111,7 +119,7 @@ def draw_tau(count: int, num_steps: int, last_share: float, device: torch.device
 def geometry_losses(
     predicted: Tensor, codes: Tensor, face: Face, config: Any
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """L_vel and L_jitter of codes [B, T, 256], and their weighted sum; config has the weights."""
+    """L_geom's parts of codes [B, T, 256], and their weighted sum; config has the weights."""
     guess, truth = face.vertices(predicted), face.vertices(codes)
     parts = {"velocity": velocity_loss(guess, truth, face.weights)}
     total = config.velocity_weight * parts["velocity"]
@@ -123,6 +131,9 @@ def geometry_losses(
     if config.spread_weight:
         parts["spread"] = spread_loss(guess, truth, face.weights)
         total = total + config.spread_weight * parts["spread"]
+    if config.contact_weight:
+        parts["contact"] = contact_loss(face.gaps(predicted), face.gaps(codes))
+        total = total + config.contact_weight * parts["contact"]
     return parts, total
 
 
@@ -200,6 +211,7 @@ def write(
         "velocity_weight": config.velocity_weight,
         "jitter_weight": config.jitter_weight,
         "jitter_normalised": config.jitter_normalised,
+        "contact_weight": config.contact_weight,
         "lookahead": config.lookahead,
         "steps": config.steps,
         **trained,

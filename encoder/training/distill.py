@@ -54,6 +54,7 @@ class DistillConfig:
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 1.0  # the lips move as far as the truth's, and rest as still
+    contact_weight: float = 4.0  # and touch where the truth's touch
     truth_weight: float = 2.0  # rest and closures stay the truth's, not an average sample's
 
 
@@ -70,6 +71,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "dmd_weight": 1.0,
         "truth_weight": 0.0,
         "spread_weight": 0.0,
+        "contact_weight": 0.0,
     },
 }
 NUM_MODES = 40  # K: Gaussians in pi, one a DDIM step of the paper

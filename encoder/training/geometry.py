@@ -1,4 +1,4 @@
-"""L_geom: velocity and jitter of face vertices (paper section 4.1.2).
+"""L_geom: velocity and jitter of face vertices (paper section 4.1.2); the lips' spread and contact.
 
 The frozen decoder comes from the app as a `Face`; nothing here knows render.
 """
@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+NEAR_MM = 2.0  # a smaller gap of the inner lips is about to be a closure
 JITTER_FLOOR_MM = 0.5  # per frame^3; 0.5 mm is what a jaw of 5 mm swings at 2 Hz
 
 
@@ -20,6 +21,7 @@ class Face:
     rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
     vertices: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, V, 3] mm
     weights: Tensor  # [V], mean 1: w_i of the paper, larger for the mouth
+    gaps: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, P, 3] mm between the inner lips
 
 
 def velocity_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
@@ -65,3 +67,14 @@ def spread_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
     """
     spreads = [(v.var(dim=1, correction=0).sum(-1) + 1e-4).sqrt() for v in (predicted, truth)]
     return ((spreads[0] - spreads[1]).square() * weights.to(predicted)).mean()
+
+
+def contact_loss(predicted: Tensor, truth: Tensor) -> Tensor:
+    """Gaps of the inner lips [B, T, P, 3] mm -> error where the truth's lips touch, mm (not paper).
+
+    Not squared: a squared error lets resting lips wander by tenths of a millimetre, and where a
+    closure is likely but not sure it settles for lips half open instead of shut.
+    """
+    shut = (1 - truth[..., 1].mean(-1).abs() / NEAR_MM).clamp(min=0)
+    error = ((predicted - truth).square().sum(-1) + 1e-4).sqrt().mean(-1)
+    return (error * shut).mean()

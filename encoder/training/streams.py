@@ -18,7 +18,7 @@ from encoder.audio_encoder import AudioEncoder
 from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, SPEECH_COLUMNS
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest
 from encoder.capture.motion import closing_weight, upper_face
-from encoder.training.audio import grouped, load_encoder, stacked
+from encoder.training.audio import grouped, load_encoder, pick, stacked
 from encoder.training.augment import Crop, crop, not_speech
 from encoder.training.geometry import Face
 from encoder.training.heads import Heads, Outputs, load_heads
@@ -73,7 +73,7 @@ def draw_stream(
     audio, rig, frames = [], [], 0
     while frames < config.stream_frames:
         truth = str(rng.choice(names, p=share / share.sum()))
-        clip = groups[truth][rng.integers(len(groups[truth]))]
+        clip = pick(groups[truth], truth, rng)
         length = min(clip.num_frames, 300)
         part = crop(clip, length, rng)
         audio.append(part.audio)

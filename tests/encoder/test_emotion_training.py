@@ -33,11 +33,14 @@ def face(channels: list[int]) -> Face:
     pick = torch.zeros(53, len(channels), 3)
     for vertex, channel in enumerate(channels):
         pick[channel, vertex, 1] = 10.0
-    return Face(
-        lambda rig: (rig @ BASIS).astype(np.float32),
-        lambda codes: torch.einsum("...c,cvk->...vk", codes @ TO_RIG, pick),
-        torch.ones(len(channels)),
-    )
+
+    def vertices(codes: torch.Tensor) -> torch.Tensor:
+        return torch.einsum("...c,cvk->...vk", codes @ TO_RIG, pick)
+
+    def rig_to_code(rig: np.ndarray) -> np.ndarray:
+        return (rig @ BASIS).astype(np.float32)
+
+    return Face(rig_to_code, vertices, torch.ones(len(channels)), vertices)
 
 
 SMILE = RIG_INDEX["mouthSmile_L"]

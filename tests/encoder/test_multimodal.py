@@ -32,6 +32,7 @@ def face() -> Face:
         lambda rig: rig.astype(np.float32) @ TO_CODE,
         lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
         torch.ones(4),
+        lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
     )
 
 

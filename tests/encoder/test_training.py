@@ -27,7 +27,7 @@ def vertices(codes: torch.Tensor) -> torch.Tensor:
     return (codes @ torch.tensor(BASIS.T))[..., :30].unflatten(-1, (10, 3))
 
 
-FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10))
+FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices)
 
 
 @pytest.fixture(scope="module")
@@ -128,6 +128,15 @@ def test_the_centred_encoder_is_another_kind(pack, tmp_path):
     assert isinstance(audio.load_encoder(out / "audio"), CentredEncoder)
     with pytest.raises(InputError, match="kind 'audio'"):
         checkpoint.load(out / "audio", "audio")
+
+
+@pytest.mark.parametrize(("truth", "share"), [("tracked", 0.25), ("rules", 0.1)])
+def test_few_tracked_voices_are_heard_more_often(pack, truth, share):
+    clip = next(dataset.iter_pack(pack))
+    clips = [replace(clip, voice="a")] * 90 + [replace(clip, voice="b")] * 10
+    rng = np.random.default_rng(0)
+    drawn = [audio.pick(clips, truth, rng).voice for _ in range(800)]
+    assert np.mean([voice == "b" for voice in drawn]) == pytest.approx(share, abs=0.05)
 
 
 def test_streams_hold_matching_rows(stages):
