@@ -55,7 +55,7 @@ class DiffusionConfig:
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 0.0  # per mm^2; only where one step must do, at tau = N
-    contact_weight: float = 1.0  # per mm
+    contact_weight: float = 0.15  # per mm
     lookahead: int = 0  # frames of future sound: a ceiling to compare with, not for live use
 
 

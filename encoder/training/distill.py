@@ -54,7 +54,7 @@ class DistillConfig:
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 1.0  # the lips move as far as the truth's, and rest as still
-    contact_weight: float = 4.0  # and touch where the truth's touch
+    contact_weight: float = 0.5  # and touch where the truth's touch
     truth_weight: float = 2.0  # rest and closures stay the truth's, not an average sample's
 
 

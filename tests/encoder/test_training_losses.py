@@ -78,21 +78,20 @@ def test_spread_asks_a_timid_mouth_to_move_and_a_resting_one_to_rest():
     assert still.grad.isfinite().all()
 
 
-def test_contact_asks_resting_lips_to_stay_and_likely_closures_to_shut():
+def test_contact_weighs_shut_lips_more_and_a_tenth_like_a_millimetre():
     truth = torch.zeros(1, 40, 1, 3)
-    truth[0, 20:, 0, 1] = 10.0  # wide open: not asked
-    moved = truth.clone()
-    moved[0, 20:, 0, 1] = 5.0
-    assert float(contact_loss(moved, truth)) == pytest.approx(0.005, abs=1e-3)
-    near = truth.clone()
-    near[0, :20, 0, 1] = 0.1
-    slight = near.clone().requires_grad_()
-    far = (near * 10).requires_grad_()
-    for gaps in (slight, far):
+    truth[0, 20:, 0, 1] = 10.0
+    for frames, loss in ((slice(20, 40), 2.5), (slice(0, 20), 22.5)):
+        moved = truth.clone()
+        moved[0, frames, 0, 1] += 5.0
+        assert float(contact_loss(moved, truth)) == pytest.approx(loss, abs=0.1)
+    restless = torch.zeros_like(truth)
+    restless[0, :20, 0, 1] = 0.1
+    near, far = ((truth + size * restless).requires_grad_() for size in (1, 10))
+    for gaps in (near, far):
         contact_loss(gaps, truth).backward()
-    # a tenth of a millimetre is drawn to rest as strongly as a whole one
-    torch.testing.assert_close(slight.grad[:, :20], far.grad[:, :20], rtol=0.02, atol=1e-6)
-    assert (slight.grad[:, :20, 0, 1] > 0).all()
+    torch.testing.assert_close(near.grad[:, :20], far.grad[:, :20], rtol=0.02, atol=1e-6)
+    assert (near.grad[:, :20, 0, 1] > 0).all()
 
 
 def test_future_loss_falls_when_context_tells_the_future():
