@@ -8,12 +8,9 @@ import json
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tyro.conf import Positional
-
-if TYPE_CHECKING:
-    pass
 
 Figures = dict[str, float]
 FINE_TUNED, SHIPPED = "fine-tuned", "zero convolutions"

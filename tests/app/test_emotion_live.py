@@ -10,12 +10,6 @@ import pytest
 from test_emotion_control import ADDRESS
 from test_live_commands import SMOKE, livedrive
 
-from encoder.inference import WEIGHTS
-
-pytestmark = pytest.mark.skipif(
-    not (WEIGHTS / "emotion.json").is_file(), reason="emotion weights were not trained here"
-)
-
 
 def test_a_live_emotion_is_recorded_replayed_and_can_be_taken_back(tmp_path: Path) -> None:
     words = [
