@@ -61,6 +61,10 @@ def make_bars(metrics: Figures) -> list[dict[str, Any]]:
             f"{kind} live lip sync over teacher",
             f"{kind}/{LIVE}/student/lip_sync_mm", f"{kind}/{GT}/teacher, 40 steps/lip_sync_mm", 1.1,
         )  # fmt: skip
+        power, teacher = "syllable_power_ratio", f"{kind}/{GT}/teacher, 40 steps"
+        if f"{teacher}/{power}" in metrics:
+            gap = metrics[f"{kind}/{GT}/student/{power}"] / metrics[f"{teacher}/{power}"] - 1
+            bars.append(at_most(f"{kind} 2-7 Hz power, student against teacher", abs(gap), 0.1))
         for rival in ("no outpainting", "non-causal encoder, no outpainting"):
             velocity = "lip_velocity_mm"
             ratio(
@@ -76,6 +80,8 @@ def make_bars(metrics: Figures) -> list[dict[str, Any]]:
         bars.append(
             at_least(f"{kind} opening r", metrics[f"{row}/opening_r"], 0.85 if seen else 0.7)
         )
+        shift = abs(metrics[f"{row}/opening_shift_frames"])
+        bars.append(at_most(f"{kind} opening shift, frames", shift, 1.0))
         if seen:
             fast = metrics[f"{row}/opening_fast_r"]
             bars.append(at_least(f"{kind} opening r above 0.5 Hz", fast, 0.75))

@@ -25,7 +25,11 @@ def test_bars_hold_the_issue_s_ratios():
         f"{row}student/lip_sync_mm": 0.85,
         f"{row}student/lip_sync_best_mm": 0.8,
         f"{row}mean face/lip_sync_mm": 1.0,
-        "sentence/recorded gaze/student/closure_recall": 0.6,
+        f"{row}student/closure_recall": 0.6,
+        f"{row}student/syllable_power_ratio": 0.4,
+        f"{row}teacher, 40 steps/syllable_power_ratio": 0.5,
+        "grid-s30/recorded gaze/student/opening_r": 0.75,
+        "grid-s30/recorded gaze/student/opening_shift_frames": -2.0,
         "pink_60s_movement_mm": 1.5,
     }
     bars = {bar["name"]: bar["ok"] for bar in make_bars(figures)}
@@ -33,6 +37,9 @@ def test_bars_hold_the_issue_s_ratios():
         "pink_60s_movement_mm": False,
         "sentence lip_sync over mean face": True,
         "sentence lip_sync over mean face, best": False,
+        "sentence 2-7 Hz power, student against teacher": False,
+        "grid-s30 opening r": True,
+        "grid-s30 opening shift, frames": False,
         "sentence closure recall": True,
     }
 
