@@ -12,6 +12,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from render import posing_kernels
+
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
@@ -32,8 +34,9 @@ class Line:
 
     def gaps(self, vertices: Floats) -> Floats:  # [V, 3] -> [C] mm, below zero where they cross
         """The gap at each column: the smallest of the pairs around it."""
-        gap = vertices[self.upper, 1] - vertices[self.lower, 1]
-        return gap[self.nearest].min(1)
+        out = np.empty(len(self.columns), np.float32)
+        posing_kernels.measure_gaps(vertices, self.upper, self.lower, self.nearest, out)
+        return out
 
     def parted(self, vertices: Floats, points: Floats) -> NDArray[np.bool_]:  # [V, 3], [P, 3]
         """Which points lie between the sides as seen from the front."""
@@ -47,17 +50,15 @@ class Line:
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
-        first, share = self._between
-        low = by.take(first)
-        low += share * (by.take(first + 1) - low)
-        vertices[self.members, 1] += self.share * low
+        posing_kernels.move_apart(vertices, self.members, self.share, *self._between, by)
 
     @cached_property
-    def _between(self) -> tuple[NDArray[np.intp], Floats]:
+    def _between(self) -> tuple[Ints, Floats]:
         """The column before each member, and how far it is towards the next: 0..1."""
         first = np.searchsorted(self.columns, self.place).clip(1, len(self.columns) - 1) - 1
         gap = self.columns[first + 1] - self.columns[first]
-        return first, ((self.place - self.columns[first]) / gap).clip(0, 1).astype(np.float32)
+        share = ((self.place - self.columns[first]) / gap).clip(0, 1)
+        return first.astype(np.int32), share.astype(np.float32)
 
     def part(self, vertices: Floats) -> None:
         """Undo a crossing, in place."""
@@ -65,7 +66,7 @@ class Line:
             gap = self.gaps(vertices)
             if gap.min() >= 0:
                 return
-            self.open(vertices, np.maximum(-gap, 0))
+            self.open(vertices, np.maximum(-gap, np.float32(0)))
 
     def tensors(self, prefix: str) -> dict[str, NDArray[np.generic]]:
         """For a weights file."""
@@ -83,12 +84,7 @@ def lift_lids(
     center: Floats,  # [3] mm
 ) -> None:
     """Push lid vertices out of the eyeball: straight blendshapes cut through the sphere."""
-    arm = vertices[lids] - center
-    distance = np.sqrt(np.einsum("nk,nk->n", arm, arm))
-    inside = distance < reach
-    if inside.any():
-        scale = reach[inside] / distance[inside]
-        vertices[lids[inside]] = center + arm[inside] * scale[:, None]
+    posing_kernels.push_out(vertices, lids, reach, center)
 
 
 def eye_radius(eyeball: Floats, center: Floats) -> float:  # [n, 3], [3] -> mm

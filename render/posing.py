@@ -9,8 +9,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csc_array, csr_array
+from scipy.sparse import csr_array
 
+from render import posing_kernels
 from render.contact import Line, eye_radius, lid_reach, lift_lids
 
 Floats = NDArray[np.float32]
@@ -81,7 +82,8 @@ class Posing:
         return vertices
 
     def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
-        vertices = rest.geometry + (self._columns @ rig).reshape(-1, 3)
+        vertices = np.empty_like(rest.geometry)
+        posing_kernels.blend(rest.geometry, *self._shapes, rig, vertices)
         for eye in range(2):
             blink = min(max(float(rig[self.blinks[eye]]), 0.0), 1.0)
             self.lid_lines[eye].open(vertices, blink * rest.shut[eye])
@@ -89,8 +91,13 @@ class Posing:
         return vertices
 
     @cached_property
-    def _columns(self) -> csc_array:
-        return csc_array(self.basis)  # multiplies a vector twice as fast as rows do
+    def _shapes(self) -> tuple[Ints, NDArray[np.uint8], Floats]:  # [V + 1], [E], [E, 3]
+        """The basis by vertices: where each one's shapes begin, these, and how they move it."""
+        basis = self.basis.toarray()
+        moves = basis.reshape(len(basis) // 3, 3, -1).transpose(0, 2, 1)
+        vertex, shape = np.nonzero(moves.any(2))
+        starts = np.searchsorted(vertex, np.arange(len(moves) + 1))
+        return starts.astype(np.int32), shape.astype(np.uint8), moves[vertex, shape]
 
     def full_blink(self) -> Floats:  # [R]
         """Activations that shut both eyes."""
@@ -103,7 +110,7 @@ class Posing:
 def limit(rig: Floats) -> Floats:
     """Identity inside SOFT_LIMIT, beyond it a smooth approach to OVERSHOOT more."""
     low, high = SOFT_LIMIT
-    inside = np.clip(rig, low, high)
+    inside = np.minimum(np.maximum(rig, np.float32(low)), np.float32(high))
     return inside + np.float32(OVERSHOOT) * np.tanh((rig - inside) / np.float32(OVERSHOOT))
 
 

@@ -73,10 +73,3 @@ class Projector:
             self._depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._work
         )
         return self._order[:count]
-
-    def read_splats(self) -> U32:
-        """The packed splats [N, 4] of the last run, in the order of the Gaussians."""
-        splats = np.empty((len(self._depths), 4), np.uint32)
-        if len(splats):
-            self.splats.read(splats)
-        return splats

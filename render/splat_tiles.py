@@ -26,7 +26,8 @@ def share_out(work: U32) -> U32:
     """
     count = np.count_nonzero(work)
     order = np.full(-(-count // (LANES * DECKS)) * LANES * DECKS, len(work), np.uint32)
-    order[:count] = np.argsort(work.astype(np.int32))[::-1][:count]
+    short = np.minimum(work, 0xFFFF).astype(np.uint16)  # numpy sorts these by radix
+    order[:count] = np.argsort(short, kind="stable")[::-1][:count]
     return order.reshape(-1, DECKS, LANES).swapaxes(0, 1).ravel()
 
 
@@ -38,8 +39,8 @@ class TileRenderer:
         self._context, gl = context, context.gl
         self._projector = Projector(gl)
         self._program = gl.compute_shader(splat_shader("tiles.comp.glsl"))
-        self._splats, self._pairs, self._starts, self._tiles, self._needs, self._pixels = (
-            GrowingBuffer(gl) for _ in range(6)
+        self._pairs, self._starts, self._tiles, self._needs, self._pixels = (
+            GrowingBuffer(gl) for _ in range(5)
         )
         self._picture = np.empty((0, 0, 4), np.uint8)
         self._paper: tuple[int, int, tuple[float, float, float]] | None = None  # of that picture
@@ -53,16 +54,15 @@ class TileRenderer:
         order = self._projector.run(gaussians, camera)
         across, down = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         boxes = self._projector.boxes.take(order, 0)
-        pairs = deal(boxes, (across, down), boxes.view(np.uint8)[:, 8:])
+        pairs = deal(boxes, order, (across, down), boxes.view(np.uint8)[:, 8:])
         lanes = share_out(self._effort(pairs.starts, camera))
-        self._splats.write(self._projector.read_splats().take(order, 0))
-        self._pairs.write(pairs.ranks)
+        self._pairs.write(pairs.splats)
         self._starts.write(np.append(pairs.starts, pairs.starts[-1:]))  # and those of no tile
         self._tiles.write(lanes)
         self._needs.reserve(4 * len(pairs.starts))
         self._pixels.reserve(self._picture.nbytes)
-        buffers = (self._splats, self._pairs, self._starts, self._tiles, self._needs, self._pixels)
-        for binding, buffer in enumerate(buffers):
+        lists = (self._pairs, self._starts, self._tiles, self._needs, self._pixels)
+        for binding, buffer in enumerate((self._projector.splats, *lists)):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
         self._program["background"] = camera.background

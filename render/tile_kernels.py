@@ -42,41 +42,43 @@ def count_tiles(
     boxes: NDArray[np.uint32],  # [M, 2 or more] tiles: x0 | y0 << 16, x1 | y1 << 16
     rows: NDArray[np.uint8],  # [M, 8] left out << 4 | reached, or WHOLE
     across: int,
-    counts: NDArray[np.uint32],  # -> [tiles] splats that reach each tile
+    counts: NDArray[np.int32],  # -> [tiles + 1] splats that reach each tile; the last is 0
 ) -> None:
-    counts[:] = 0
+    counts[:] = 0  # first the change from each tile to the next
     for m in range(len(boxes)):
         x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
         x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        if rows[m, 0] == WHOLE:
-            for y in range(y0, y1):
-                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
-                    counts[tile] += 1
-        else:
-            for k in range(y1 - y0):
-                row = rows[m, k]
-                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
-                for tile in range(first, first + np.uintp(row & 15)):
-                    counts[tile] += 1
+        whole = rows[m, 0] == WHOLE
+        for k in range(y1 - y0):
+            first, last = np.uintp((y0 + k) * across + x0), np.uintp((y0 + k) * across + x1)
+            if not whole:
+                first += np.uintp(rows[m, k] >> 4)
+                last = first + np.uintp(rows[m, k] & 15)
+            counts[first] += 1
+            counts[last] -= 1
+    for tile in range(1, len(counts)):
+        counts[tile] += counts[tile - 1]
 
 
 @njit(cache=True, nogil=True)
 def deal_to_tiles(
     boxes: NDArray[np.uint32],
     rows: NDArray[np.uint8],
+    names: NDArray[np.uint32],  # [M] of the splats
     across: int,
     places: NDArray[np.uint32],  # [tiles] first place of each tile; moved to its end
-    ranks: NDArray[np.uint32],  # -> [P] splats, tile after tile
+    splats: NDArray[np.uint32],  # -> [P] tile after tile
 ) -> None:
-    # As above. Unsigned numbers need no test for Python's negative indices: a third less time.
+    # Unsigned numbers need no test for Python's negative indices: a third less time.
     for m in range(len(boxes)):
+        name = names[m]
         x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
         x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
         if rows[m, 0] == WHOLE:
             for y in range(y0, y1):
                 for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
                     place = np.uintp(places[tile])
-                    ranks[place] = m
+                    splats[place] = name
                     places[tile] = place + 1
         else:
             for k in range(y1 - y0):
@@ -84,5 +86,5 @@ def deal_to_tiles(
                 first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
                 for tile in range(first, first + np.uintp(row & 15)):
                     place = np.uintp(places[tile])
-                    ranks[place] = m
+                    splats[place] = name
                     places[tile] = place + 1

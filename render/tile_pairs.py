@@ -13,16 +13,17 @@ U32 = NDArray[np.uint32]
 
 
 class Pairs(NamedTuple):
-    """Tile i has the splats ranks[starts[i]:starts[i + 1]], nearest first."""
+    """Tile i has the splats splats[starts[i]:starts[i + 1]], nearest first."""
 
-    ranks: U32  # [P]
+    splats: U32  # [P]
     starts: U32  # [tiles + 1]
 
 
 def deal(
     boxes: U32,  # [M, 2] tiles, nearest splat first: x0 | y0 << 16 and, excluded, x1 | y1 << 16
+    names: U32,  # [M] what the splats are called in the lists
     size: tuple[int, int],  # tiles across, down
-    rows: NDArray[np.uint8] | None = None,  # [M, 8] left out << 4 | reached, or tile_kernels.WHOLE
+    rows: NDArray[np.uint8] | None = None,  # [M, 8] left out << 4 | reached, or WHOLE
 ) -> Pairs:
     """Pairs of splats and the tiles of their boxes or, where `rows` are told, of what they reach.
 
@@ -30,15 +31,16 @@ def deal(
     """
     if rows is None:
         rows = np.full((len(boxes), 8), tile_kernels.WHOLE)
-    starts = np.zeros(size[0] * size[1] + 1, np.uint32)
-    tile_kernels.count_tiles(boxes, rows, size[0], starts[1:])
-    total = int(starts.sum(dtype=np.int64))
+    counts = np.empty(size[0] * size[1] + 1, np.int32)
+    tile_kernels.count_tiles(boxes, rows, size[0], counts)
+    total = int(counts.sum(dtype=np.int64))
     if total > MAX_PAIRS:
         raise InputError(
             f"splats: expected at most {MAX_PAIRS} (splat, tile) pairs, got {total}; "
             "draw fewer or smaller Gaussians, or move the camera away"
         )
-    np.cumsum(starts, out=starts)
-    ranks = np.empty(total, np.uint32)
-    tile_kernels.deal_to_tiles(boxes, rows, size[0], starts[:-1].copy(), ranks)
-    return Pairs(ranks, starts)
+    starts = np.zeros(len(counts), np.uint32)
+    np.cumsum(counts[:-1], out=starts[1:])
+    splats = np.empty(total, np.uint32)
+    tile_kernels.deal_to_tiles(boxes, rows, names, size[0], starts[:-1].copy(), splats)
+    return Pairs(splats, starts)

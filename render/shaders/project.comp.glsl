@@ -99,11 +99,11 @@ void main() {
     if (all(lessThanEqual(high - low, MOST))) {
         rows = uvec2(0u);
         float half_height = half_size.y;
-        for (int row = 0; row < 8; row++) {
+        for (int row = 0; row < int(high.y - low.y); row++) {
             float y = low.y + float(row);
             vec2 columns = clamp(reach(splat, half_height, (y + 0.5) * tile.y - xy.y), low.x, high.x);
             uint reached = uint(max(columns.y - columns.x, 0.0));
-            uint bits = y < high.y && reached > 0u ? uint(columns.x - low.x) << 4 | reached : 0u;
+            uint bits = reached > 0u ? uint(columns.x - low.x) << 4 | reached : 0u;
             rows[row >> 2] |= bits << (8 * (row & 3));
         }
     }

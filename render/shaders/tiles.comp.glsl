@@ -3,8 +3,8 @@
 // which is more than that of 64 pixels. Tiles come by length of their lists, so lanes end together.
 layout(local_size_x = 8) in;
 
-layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };  // nearest first
-layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };     // tile after tile
+layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };
+layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };     // tile after tile, nearest first
 layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };   // tile -> first pair
 layout(std430, binding = 3) readonly buffer Tiles { uint tiles[]; };     // lane -> tile
 layout(std430, binding = 4) writeonly buffer Needs { uint needs[]; };  // tile -> pairs it looked at

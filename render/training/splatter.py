@@ -117,8 +117,8 @@ def _tiles(
     order = np.argsort(flat.depth, kind="stable")
     order = order[shown[order]]
     boxes = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low[order], high[order])], 1)
-    ranks, starts = deal(boxes.astype(np.uint32), size)
-    return order[ranks], starts, size
+    pairs = deal(boxes.astype(np.uint32), order.astype(np.uint32), size)
+    return pairs.splats.astype(np.intp), pairs.starts, size
 
 
 def dissimilarity(a: Tensor, b: Tensor) -> Tensor:  # [H, W, 3], [H, W, 3] 0..1 -> [H, W]

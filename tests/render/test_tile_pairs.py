@@ -12,19 +12,28 @@ def boxes_of(corners):
 
 
 def lists(pairs):
-    return [list(part) for part in np.split(pairs.ranks, pairs.starts[1:-1])]
+    return [list(part) for part in np.split(pairs.splats, pairs.starts[1:-1])]
+
+
+def first_to_last(count):
+    return np.arange(count, dtype=np.uint32)
 
 
 def test_boxes_reach_every_tile_of_theirs_nearest_first():
-    pairs = deal(boxes_of([(1, 0, 3, 2), (0, 0, 2, 1), (2, 1, 3, 2)]), (3, 2))
+    pairs = deal(boxes_of([(1, 0, 3, 2), (0, 0, 2, 1), (2, 1, 3, 2)]), first_to_last(3), (3, 2))
     assert lists(pairs) == [[1], [0, 1], [0], [], [0], [0, 2]]
+
+
+def test_lists_hold_the_names_of_splats():
+    pairs = deal(boxes_of([(0, 0, 2, 1), (1, 0, 2, 1)]), np.array([7, 3], np.uint32), (2, 1))
+    assert lists(pairs) == [[7], [7, 3]]
 
 
 def test_rows_leave_out_what_the_ellipse_misses():
     rows = np.zeros((2, 8), np.uint8)
     rows[0, :3] = 1 << 4 | 1, 0 << 4 | 3, 1 << 4 | 1  # a diamond
     rows[1] = WHOLE
-    pairs = deal(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), (3, 3), rows)
+    pairs = deal(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), first_to_last(2), (3, 3), rows)
     assert lists(pairs) == [[], [0], [], [0], [0], [0], [], [0], [1]]
 
 
@@ -37,8 +46,8 @@ def test_random_boxes_equal_a_loop():
         for y in range(y0, y1):
             for x in range(x0, x1):
                 expected[y * 42 + x].append(m)
-    assert lists(deal(boxes_of(np.c_[low, high]), (42, 42))) == expected
+    assert lists(deal(boxes_of(np.c_[low, high]), first_to_last(500), (42, 42))) == expected
 
 
 def test_no_splats_give_empty_lists():
-    assert lists(deal(np.zeros((0, 2), np.uint32), (2, 2))) == [[], [], [], []]
+    assert lists(deal(np.zeros((0, 2), np.uint32), first_to_last(0), (2, 2))) == [[], [], [], []]
