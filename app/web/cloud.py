@@ -19,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from app.web import packing
 from render.types import Gaussians
 
 BASE, TICK = 1, 2  # first byte of a message
@@ -52,31 +53,13 @@ class Ranges:
 
 def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
     """Four words for every Gaussian."""
-    at = (gaussians.means - ranges.low_mm).T * np.float32(1 / ranges.step_mm)
-    x, y, z = _levels(at, POSITION_MAX)
-    logs = np.log2(np.maximum(gaussians.scales.T, np.float32(1e-4)))
-    scaled = (logs - np.float32(ranges.low_scale)) * np.float32(1 / ranges.step_scale)
-    sx, sy, sz = _levels(scaled, SCALE_MAX)
-    w, *turns = np.ascontiguousarray(gaussians.quats.T)
-    length = np.sqrt(w * w + turns[0] ** 2 + turns[1] ** 2 + turns[2] ** 2)
-    half = np.float32(TURN_MAX / 2) / (w + np.copysign(length + np.float32(1e-12), w))
-    a, b, c = _levels(np.stack(turns) * half + np.float32(TURN_MAX / 2), TURN_MAX)
-    red, green, blue = _levels(gaussians.colors.T * np.float32(255), 255)
-    opacity = _levels(gaussians.opacities * np.float32(255), 255)
     words = np.empty((len(gaussians), 4), np.uint32)
-    words[:, 0] = x | y << 14 | (c & 15) << 28
-    words[:, 1] = z | a << 14 | (b & 255) << 24
-    words[:, 2] = sx | sy << 8 | sz << 16 | b >> 8 << 24 | c >> 4 << 26
-    words[:, 3] = red | green << 8 | blue << 16 | opacity << 24
+    packing.pack_words(
+        *(gaussians.means, gaussians.quats, gaussians.scales),
+        *(gaussians.opacities, gaussians.colors, ranges.low_mm, np.float32(1 / ranges.step_mm)),
+        *(np.float32(ranges.low_scale), np.float32(1 / ranges.step_scale), words),
+    )
     return words
-
-
-def _levels(
-    values: NDArray[np.float32],  # [..., N]
-    largest: int,
-) -> Words:
-    """Rounded to whole numbers 0..largest."""
-    return (np.clip(values, 0, largest) + np.float32(0.5)).astype(np.uint32)
 
 
 def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
@@ -88,10 +71,11 @@ def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
 
 def tick_message(words: Words, base: Words, frame: int, t_ns: int) -> bytes:
     """What differs from the base: which Gaussians, one bit each, then their words."""
-    moved = (words != base).any(1)
-    head = HEAD.pack(TICK, len(words)) + STAMP.pack(frame, t_ns, int(moved.sum()))
-    bits = np.packbits(moved, bitorder="little").tobytes()
-    return head + bits + b"\0" * (-len(bits) % 4) + words[moved].tobytes()
+    bits = np.empty(4 * -(-len(words) // 32), np.uint8)
+    movers = np.empty_like(words)
+    count = packing.find_movers(words, base, bits, movers)
+    head = HEAD.pack(TICK, len(words)) + STAMP.pack(frame, t_ns, count)
+    return head + bits.tobytes() + movers[:count].tobytes()
 
 
 class CloudReader:
