@@ -1,8 +1,9 @@
 """Eye videos of a session: FFV1 gray (exact) or x264 (small) in Matroska, one picture a packet.
 
 Flow: RecordingWriter -> EyeVideoWriter -> eye_*.mkv -> EyeVideoReader -> Recording -> EyePacket.
-Every FFV1 picture is a key frame and starts a cluster, so `kill -9` costs the one picture that the
-container still holds. Matroska times are milliseconds and only for players: the timeline is truth.
+Every FFV1 picture stands alone and starts a cluster, so `kill -9` costs the one picture that the
+container still holds. One a second is marked as a key frame: FFmpeg keeps the index of those in
+memory. Matroska times are milliseconds and only for players: the timeline is truth.
 """
 
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from sensors.types import EYE_SIZE, FPS, InputError
 
 EYE_CODECS = ("ffv1", "x264")
 MILLISECOND = Fraction(1, 1000)
-CONTAINER_OPTIONS = {"cluster_time_limit": "500", "flush_packets": "1"}
+CONTAINER_OPTIONS = {"cluster_time_limit": "1", "flush_packets": "1"}  # a picture a cluster
 FFV1_OPTIONS = {"level": "3", "slices": "4", "slicecrc": "1"}
 X264_OPTIONS = {"crf": "20", "preset": "medium", "bf": "0"}  # no B-frames: pictures stay in order
 FULL_RANGE = 2  # AVCOL_RANGE_JPEG: x264 has no gray here, its limited range would cost 36 levels
@@ -61,7 +62,10 @@ class EyeVideoWriter:
             frame = av.VideoFrame.from_ndarray(np.concatenate([image, no_colour]), "yuvj420p")
         self._last_pts = max(self._last_pts + 1, t_ns // 1_000_000)
         frame.pts, frame.time_base = self._last_pts, MILLISECOND
-        self._container.mux(self._stream.encode(frame))
+        for packet in self._stream.encode(frame):
+            if self._gray:
+                packet.is_keyframe = self.num_pictures % FPS == 0
+            self._container.mux(packet)
         self.num_pictures += 1
         return self.num_pictures - 1
 
