@@ -3,6 +3,7 @@
 
 const BASE = 1;
 const BUCKETS = 1 << 16;
+const FAINTEST = 4;  // of 255: the opacity below which splats.js draws nothing
 const RETRY_MS = 1000;
 
 let base = null;   // Uint32Array [4 N], the head at rest
@@ -11,7 +12,9 @@ let count = 0;
 let frame = -1;
 let updates = 0;
 let direction = [0, 0, 1];  // growing from far to near, in units of the position's steps
-let onlyView = false;  // since the last order the view has changed, and no tick has come
+let moved = false;      // a tick has come since the last order
+let turned = false;     // the view has changed since then
+let free = true;        // the page has drawn the last order
 let scheduled = false;
 
 function readBase(view, buffer) {
@@ -40,42 +43,44 @@ function readTick(view, buffer) {
   updates++;
 }
 
-// Counting sort by depth in 65536 steps over the head's own depth: 5 micrometres each.
+// Counting sort by depth in 65536 steps over the head's own depth: 5 micrometres each. Gaussians
+// too faint to be drawn are left out.
 function order() {
-  const depths = new Float32Array(count);
+  const depths = new Float32Array(count), shown = new Uint32Array(count);
   const [a, b, c] = direction;
-  let low = Infinity, high = -Infinity;
+  let low = Infinity, high = -Infinity, num = 0;
   for (let i = 0; i < count; i++) {
+    if (words[4 * i + 3] >>> 24 < FAINTEST) continue;
     const one = words[4 * i], two = words[4 * i + 1];
     const depth = a * (one & 16383) + b * (one >>> 14 & 16383) + c * (two & 16383);
-    depths[i] = depth;
+    depths[num] = depth;
+    shown[num++] = i;
     if (depth < low) low = depth;
     if (depth > high) high = depth;
   }
   const scale = (BUCKETS - 1) / Math.max(high - low, 1e-6);
-  const keys = new Uint16Array(count);
+  const keys = new Uint16Array(num);
   const starts = new Uint32Array(BUCKETS + 1);
-  for (let i = 0; i < count; i++) {
-    keys[i] = (depths[i] - low) * scale;
-    starts[keys[i] + 1]++;
+  for (let k = 0; k < num; k++) {
+    keys[k] = (depths[k] - low) * scale;
+    starts[keys[k] + 1]++;
   }
   for (let k = 0; k < BUCKETS; k++) starts[k + 1] += starts[k];
-  const sorted = new Uint32Array(count);
-  for (let i = 0; i < count; i++) sorted[starts[keys[i]]++] = i;
+  const sorted = new Uint32Array(num);
+  for (let k = 0; k < num; k++) sorted[starts[keys[k]]++] = shown[k];
   return sorted;
 }
 
-// Ticks that came while the worker was busy are skipped: only the newest is sorted and shown.
+// The newest tick is sorted once the page has drawn the last one: a slow page skips ticks.
 function schedule() {
-  if (scheduled || !words) return;
+  if (scheduled || !free || !words || !(moved || turned)) return;
   scheduled = true;
   setTimeout(() => {
-    scheduled = false;
-    const sorted = order(), copy = onlyView ? null : words.slice();
+    const sorted = order(), copy = moved ? words.slice() : null;
     const send = [sorted.buffer];
     if (copy) send.push(copy.buffer);
-    postMessage({ kind: "sorted", frame, updates, sorted, words: copy }, send);
-    onlyView = false;
+    postMessage({ kind: "sorted", frame, sorted, words: copy }, send);
+    scheduled = free = moved = turned = false;
   });
 }
 
@@ -87,7 +92,8 @@ function connect(address) {
     const view = new DataView(data);
     if (view.getUint8(0) === BASE) readBase(view, data);
     else if (base) readTick(view, data);
-    onlyView = false;
+    postMessage({ kind: "tick", updates });
+    moved = true;
     schedule();
   };
   socket.onclose = () => {
@@ -98,7 +104,7 @@ function connect(address) {
 
 onmessage = ({ data }) => {
   if (data.address) return connect(data.address);
-  direction = data.direction;
-  if (!scheduled) onlyView = true;
+  if (data.drawn) free = true;
+  if (data.direction) [direction, turned] = [data.direction, true];
   schedule();
 };

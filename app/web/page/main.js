@@ -19,6 +19,7 @@ const stats = { frame: -1, updates: 0, draws: 0 };  // for people with a console
 globalThis.livedrive = stats;
 let mirror = false;
 let stale = true;       // the canvas must be drawn anew
+let fresh = false;      // what the worker sent last was not drawn yet
 let asked = [0, 0, 0];  // direction of the last order
 document.body.classList.toggle("bare", new URLSearchParams(location.search).has("bare"));
 
@@ -56,6 +57,8 @@ function drawFlat() {
 function draw(modelView, projection, width, height) {
   splats.draw(modelView, projection, width, height);
   stats.draws++;
+  if (fresh) worker.postMessage({ drawn: true });
+  fresh = false;
 }
 
 const headset = new Headset(gl, {
@@ -69,10 +72,10 @@ const headset = new Headset(gl, {
 worker.onmessage = ({ data }) => {
   if (data.kind === "state") return say(data.text);
   if (data.kind === "base") return splats.setBase(data);
+  if (data.kind === "tick") return stats.updates = data.updates;
   splats.set(data.words, data.sorted);
   stats.frame = data.frame;
-  stats.updates = data.updates;
-  stale = true;
+  stale = fresh = true;
 };
 worker.postMessage({ address: `${sockets}head` });
 
