@@ -28,7 +28,7 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
     """Make the streams where there are none, then train. Variants lie in a folder of the data."""
     from app.capture_face import lips
     from encoder.inference import STUDENTS, WEIGHTS
-    from encoder.training import emotion, emotion_streams
+    from encoder.training import emotion, emotion_streams, streams
 
     weights = command.out or WEIGHTS
     start = command.start or WEIGHTS
@@ -39,7 +39,7 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
         minutes=command.stream_minutes,
         seed=command.seed,
     )
-    if not emotion_streams.are_made(made):
+    if not streams.are_made(made):
         emotion_streams.run(made, lips())
     config = emotion.preset(
         command.preset,

@@ -21,7 +21,7 @@ from encoder.capture.emotion import LABELS, layer
 from encoder.training.audio import grouped, load_encoder, stacked
 from encoder.training.augment import crop
 from encoder.training.geometry import Face
-from encoder.training.streams import AHEAD, GAZE_SCALE
+from encoder.training.streams import AHEAD, GAZE_SCALE, made_from
 
 ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
 # Mean share of the strength that the layer shows, as it swells and ebbs. Intensity 1 is the whole
@@ -123,21 +123,6 @@ def run(config: EmotionStreamConfig, lips: LipGeometry) -> Path:
         about=np.array(about),
     )  # fmt: skip
     return config.output
-
-
-def made_from(config: EmotionStreamConfig) -> dict[str, Any]:
-    """What streams depend on beside the pack."""
-    audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
-    return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
-
-
-def are_made(config: EmotionStreamConfig) -> bool:
-    """Do the streams of this config lie in its output already?"""
-    if not config.output.is_file():
-        return False
-    with np.load(config.output, allow_pickle=False) as data:
-        about = json.loads(str(data["about"])) if "about" in data else {}
-    return made_from(config).items() <= about.items()
 
 
 @dataclass(frozen=True)

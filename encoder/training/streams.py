@@ -8,7 +8,7 @@ and encoded once. Voices without tracked motion get labels from the audio stage'
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import torch
@@ -109,13 +109,26 @@ def run(config: StreamConfig) -> Path:
     return config.output
 
 
-def made_from(config: StreamConfig) -> dict[str, Any]:
+class Recipe(Protocol):
+    """What both kinds of streams are made from."""
+
+    @property
+    def audio(self) -> Path: ...
+    @property
+    def output(self) -> Path: ...
+    @property
+    def minutes(self) -> float: ...
+    @property
+    def seed(self) -> int: ...
+
+
+def made_from(config: Recipe) -> dict[str, Any]:
     """What streams depend on beside the pack: another encoder or seed makes other streams."""
     audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
     return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
 
 
-def are_made(config: StreamConfig) -> bool:
+def are_made(config: Recipe) -> bool:
     """Do the streams of this config lie in its output already?"""
     if not config.output.is_file():
         return False

@@ -18,7 +18,7 @@ from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
 from encoder.capture.contacts import SLOPE_MM, LipGeometry
 from encoder.capture.emotion import EMOTIONS, LABELS
 from encoder.emotion import load_emotions
-from encoder.training import emotion, emotion_streams, loop
+from encoder.training import emotion, emotion_streams, loop, streams
 from encoder.training.diffusion import load_denoiser
 from encoder.training.emotion import EmotionFace
 from encoder.training.geometry import Face
@@ -80,9 +80,9 @@ def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
         pack=folder, audio=folder / "audio", output=folder / "streams.npz",
         minutes=0.2, stream_frames=60, versions=3,
     )  # fmt: skip
-    assert not emotion_streams.are_made(made)
+    assert not streams.are_made(made)
     emotion_streams.run(made, lip_geometry())
-    assert emotion_streams.are_made(made) and not emotion_streams.are_made(replace(made, seed=1))
+    assert streams.are_made(made) and not streams.are_made(replace(made, seed=1))
     return folder
 
 
