@@ -124,6 +124,6 @@ def _arrays(rows: list[Any]) -> tuple[Any, Any, Any, Any]:
     lids, good = np.zeros((len(rows), 2), np.float32), np.zeros((len(rows), 2), np.bool_)
     for t, (reading, fresh) in enumerate(rows):
         if reading is not None:
-            gaze[t], relative[t], lids[t] = reading.gaze, reading.relative, reading.lids
+            gaze[t], relative[t], lids[t] = reading.told(fresh), reading.relative, reading.lids
             good[t] = fresh & (reading.score > 0.5)
     return gaze, relative, lids, good

@@ -24,9 +24,9 @@ WALK_MINUTES = 60.0
 class EvalEyes:
     """Judge gaze, lids, blinks, lost cameras and the upper face."""
 
-    clips: int = 4
-    """Rendered clips, each of another wearer."""
-    seconds: float = 5.0
+    clips: int = 24
+    """Rendered clips, each of another wearer: fewer, and a single odd eye moves the medians."""
+    seconds: float = 3.0
     """Length of a clip."""
     real: Path | None = None
     """Folder with real near-eye videos, e.g. ../shared/eyes."""
@@ -74,7 +74,7 @@ class EvalEyes:
         eyes, audio = (load_driver(self.weights, "cpu", condition=c) for c in ("eyes", "gaze"))
         mesh, decoder = face_mesh(self.avatar), Decoder.load()
         metrics |= eye_figures.head_figures(eyes, audio, clips, mesh, decoder.encode, self.seed)
-        metrics |= eye_figures.loss_figures(eyes, clips[:2], mesh, self.seed)
+        metrics |= eye_figures.loss_figures(eyes, clips, mesh, self.seed)
         upper = metrics["upper_face_mm_eyes"]
         metrics["upper_face_gain_over_synthesised"] = (
             1 - upper / metrics["upper_face_mm_synthesised"]
@@ -91,7 +91,7 @@ class EvalEyes:
         for clip in clips:
             for t in np.linspace(0, len(clip.eyes) - 1, 6).astype(int):
                 reading = encoder(clip.eyes[t])
-                gaze = joined(reading.gaze, reading.lids, reading.score)
+                gaze = joined(reading.told(), reading.lids, reading.score)
                 for eye in (0, 1):
                     pictures.append(clip.eyes[t, eye])
                     score = float(reading.score[eye])

@@ -24,7 +24,7 @@ FORMAT = 2  # 1 had no relative gaze
 SETTLE = FPS // 2  # frames that eyes take to arrive at a new target; not used
 MIN_FRAMES = 8  # good ones at a target
 RIDGE = 0.02  # pulls the map to the identity; gaze of 11 degrees has a square of 0.04
-MAX_CHANGE = 0.5  # of the map's matrix from the identity
+MAX_CHANGE = 1.0  # of the map's matrix from the identity: some eyes' turns are read by half
 MAX_SHIFT = 0.35  # 20 degrees
 MIN_LID_RANGE = 0.3  # of openings between shut and open
 

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.checkpoint import config_from, load
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from encoder.eye_network import EyeNetConfig
 
 Array = NDArray[np.float32]
 MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
-
-
+SIDES = np.array([[1.0, 1.0], [-1.0, 1.0]], np.float32)  # the same, of x and y
 OPEN = 0.35  # lid opening from which on gaze is seen well
 USUAL_VERGENCE, MAX_VERGENCE = 0.064, 0.16  # of x, right minus left: at 1 m, at 40 cm
 VERGENCE_TRUST = 0.25  # each eye errs by more than vergence varies
@@ -39,28 +39,41 @@ def conjugate(
     return (middle + half).astype(np.float32)
 
 
+def trust(lids: Array, score: Array) -> Array:  # [2] each -> [2]
+    """How well each eye is seen, 0..1: one that is shut or doubtful says little."""
+    return (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
+
+
 def joined(
-    gaze: Array,  # [2, 3] unit vectors, as each picture alone shows it
+    gaze: Array,  # [2, 3] unit vectors
     lids: Array,  # [2] opening
     score: Array,  # [2]
 ) -> Array:  # [2, 3]
-    """Where both eyes look: one that is shut or doubtful says little. After calibration: what is
-    personal differs from eye to eye, and a mean of both with changing weights would mix it.
+    """Where both eyes look. After calibration: what is personal differs from eye to eye, and a mean
+    of both with changing weights would mix it.
     """
     from encoder.eye_network import unit
 
-    weight = (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
-    return unit(conjugate(gaze[:, :2], weight))
+    return unit(conjugate(gaze[:, :2], trust(lids, score)))
 
 
 class EyeReading(NamedTuple):
     """Left eye first. Everything is finite, whatever the pictures show."""
 
     features: Array  # [2, 80] in -1..1, of left-like eyes
-    gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it: see `joined`
+    gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it
     lids: Array  # [2] opening: 0 shut .. 1 open
     score: Array  # [2] 0..1: is this the right eye, seen by a working camera? 0: a flat picture
     relative: Array  # [2, 3] gaze but for a constant of the wearer: what calibration maps
+    together: Array  # [2, 3] gaze as both pictures show it: right while both eyes are seen
+
+    def told(self, good: NDArray[np.bool_] | None = None) -> Array:  # [2] -> [2, 3]
+        """Gaze of each eye, told by both pictures as far as both show an eye: see `joined`."""
+        from encoder.eye_network import unit
+
+        score = self.score if good is None else self.score * good
+        share = trust(self.lids, score).min()
+        return unit(self.gaze[:, :2] + share * (self.together[:, :2] - self.gaze[:, :2]))
 
 
 class EyeEncoder:
@@ -74,26 +87,27 @@ class EyeEncoder:
         self.config = config
         self._session = session(eye_model(config, weights))
         self._relative = weights["relative"]
-        self._maps = [
-            (weights[f"synthesis.{i}.weight"].T.copy(), weights[f"synthesis.{i}.bias"])
-            for i in (0, 2)
-        ]
+        self._synthesis, self._pair = (
+            [(weights[f"{name}.{i}.weight"].T.copy(), weights[f"{name}.{i}.bias"]) for i in (0, 2)]
+            for name in ("synthesis", "pair")
+        )
 
     def __call__(
         self,
         eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
     ) -> EyeReading:
-        from encoder.eye_network import MIN_SPREAD, normalised, pixels, unit
+        from encoder.eye_network import GAZE_UNIT, MIN_SPREAD, normalised, pixels, unit
 
         small = pixels(eyes)
         features, heads = self._session.run(None, {"pixels": normalised(small)})
         lids = np.clip(heads[:, 2], 0, 1)
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
         score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
-        xy = np.concatenate([heads[:, :1] * MIRROR, heads[:, 1:2]], 1)
         relative = features @ self._relative[:-1] + self._relative[-1]
-        relative[:, :1] *= MIRROR
-        return EyeReading(features, unit(xy), lids, score.astype(np.float32), unit(relative))
+        pair = np.concatenate([features, features[::-1]], 1)
+        together = heads[:, :2] + np.float32(GAZE_UNIT) * _through(self._pair, pair)
+        gazes = [unit(xy * SIDES) for xy in (heads[:, :2], relative, together)]
+        return EyeReading(features, gazes[0], lids, score.astype(np.float32), *gazes[1:])
 
     def synthesise(
         self,
@@ -107,8 +121,12 @@ class EyeEncoder:
         face[:, :1] = gaze[:, :1] * MIRROR / GAZE_UNIT
         face[:, 1] = gaze[:, 1] / GAZE_UNIT
         face[:, 2] = 1 - lids  # eyeBlink
-        (first, first_bias), (second, second_bias) = self._maps
-        return np.tanh(np.tanh(face @ first + first_bias) @ second + second_bias)
+        return np.tanh(_through(self._synthesis, face))
+
+
+def _through(layers: list[tuple[Array, Array]], x: Array) -> Array:
+    (first, first_bias), (second, second_bias) = layers
+    return np.tanh(x @ first + first_bias) @ second + second_bias
 
 
 def load_eye_encoder(folder: Path) -> EyeEncoder:
@@ -117,4 +135,10 @@ def load_eye_encoder(folder: Path) -> EyeEncoder:
 
     tensors, card = load(folder / "eyes", "eyes")
     weights = {name: tensor.float().numpy() for name, tensor in tensors.items()}
-    return EyeEncoder(config_from(EyeNetConfig, card["config"]), weights)
+    try:
+        return EyeEncoder(config_from(EyeNetConfig, card["config"]), weights)
+    except KeyError as missing:
+        raise InputError(
+            f"checkpoint {folder / 'eyes'}: expected weights named {missing}, got none; "
+            "it is of another version: run `livedrive train eyes` or restore the file"
+        ) from None

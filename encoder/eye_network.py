@@ -36,6 +36,7 @@ class EyeNetConfig:
     )
     features: int = FEATURES
     synthesis: int = 64  # width of the map from gaze and rig back to features
+    pair: int = 64  # width of what both eyes together tell
 
 
 PRESETS = {
@@ -93,7 +94,6 @@ class EyeNet(nn.Module):
 
     subject_spread: Tensor
     frame_spread: Tensor
-    relative: Tensor
 
     def __init__(self, config: EyeNetConfig) -> None:
         super().__init__()
@@ -109,6 +109,11 @@ class EyeNet(nn.Module):
         # without it one step of 2e-3 on 3136 inputs saturates the tanh, and nothing is learned
         self.spread = nn.BatchNorm1d(config.features, affine=False)
         self.heads = nn.Linear(config.features, 4 + len(RIG))
+        # both eyes look at one thing: what this eye's gaze is off by, told by the other eye, too
+        told = nn.Linear(config.pair, 2)
+        nn.init.zeros_(told.weight)
+        nn.init.zeros_(told.bias)
+        self.pair = nn.Sequential(nn.Linear(2 * config.features, config.pair), nn.Tanh(), told)
         # what features a gaze and a face would give: for training data, and for lost cameras
         self.synthesis = nn.Sequential(
             nn.Linear(2 + len(RIG), config.synthesis),
@@ -120,7 +125,7 @@ class EyeNet(nn.Module):
         self.register_buffer("frame_spread", torch.zeros(config.features, config.features))
         # Features -> gaze, right but for a constant of the wearer, for calibration to map: in one
         # picture a lower gaze and a higher camera look alike, so `heads` shrinks what it sees.
-        self.register_buffer("relative", torch.zeros(config.features + 1, 2))
+        self.relative = nn.Parameter(torch.zeros(config.features + 1, 2))
 
     def forward(self, x: Tensor) -> EyeOutputs:  # [B, 1, 100, 100] of `normalised`
         for conv, norm, (_, _, stride) in zip(
@@ -131,6 +136,10 @@ class EyeNet(nn.Module):
         features = torch.tanh(self.spread(self.project(x.flatten(1))))
         gaze, lid, valid, rig = self.heads(features).split([2, 1, 1, len(RIG)], 1)
         return EyeOutputs(features, gaze * GAZE_UNIT, lid[:, 0], valid[:, 0], rig)
+
+    def together(self, features: Tensor, gaze: Tensor) -> Tensor:
+        """Features [..., 2, 80] and gaze [..., 2, 2] of left-like eyes -> gaze [..., 2, 2]."""
+        return gaze + GAZE_UNIT * self.pair(torch.cat([features, features.flip(-2)], -1))
 
     def synthesise(self, gaze: Tensor, rig: Tensor) -> Tensor:
         """gaze [..., 2] and rig [..., 7] of left-like eyes -> features [..., 80]."""

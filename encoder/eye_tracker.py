@@ -117,10 +117,10 @@ class EyeTracker:
         self, reading: EyeReading, good: NDArray[np.bool_], calibration: EyeCalibration | None
     ) -> Seen:
         """The person's own gaze and lids, of the eyes that are seen; the features move along."""
-        features, gaze, lids = reading.features, reading.gaze, reading.lids
+        features, gaze, lids = reading.features, reading.told(good), reading.lids
         if calibration is not None:
+            before = self.encoder.synthesise(gaze, lids)
             gaze, lids = calibration.apply(gaze, reading.relative, lids)
-            before = self.encoder.synthesise(reading.gaze, reading.lids)
             moved = (self.encoder.synthesise(gaze, lids) - before).astype(np.float32)
             features = _bounded(features + moved)
         return Seen(features, joined(gaze, reading.lids, reading.score * good), lids)

@@ -18,7 +18,7 @@ from encoder.eye_network import RIG, SIDE
 from sensors.types import InputError
 
 ARRAYS = ("pictures", "gaze", "lids", "rig", "subject")
-STRANGE = 0.5  # share of pictures under other light; the rest keep their fine detail
+STRANGE = 0.35  # share of pictures under other light; the rest keep their fine detail
 NEGATIVES = 0.12  # share of pictures that are no left eye before a working camera
 KINDS_OF_NEGATIVES = 7
 
@@ -91,17 +91,21 @@ def _sometimes(count: int, chance: float) -> Tensor:  # [B, 1, 1] bool
     return torch.rand(count, 1, 1) < chance
 
 
-def moved(x: Tensor) -> Tensor:
-    """[B, 100, 100] seen by a camera that sits nearer, elsewhere, a little turned."""
-    count = len(x)
+def moved(x: Tensor, times: int = 1) -> Tensor:
+    """[B, 100, 100] seen by a camera that sits nearer, elsewhere, a little turned.
+
+    Every B / `times` pictures are seen by the same cameras.
+    """
+    count = len(x) // times
     zoom = torch.exp(torch.empty(count).uniform_(-0.1, 0.1))
     close = torch.rand(count) < 0.08  # cameras made at home sit closer
     zoom = torch.where(close, zoom * torch.empty(count).uniform_(1.2, 1.7), zoom)
     roll = torch.empty(count).uniform_(-0.03, 0.03)  # the renderer's cameras are turned already
     cos, sin = roll.cos() / zoom, roll.sin() / zoom
-    shift = torch.empty(2, count).uniform_(-0.08, 0.08)
+    shift = torch.empty(2, count).uniform_(-0.05, 0.05)
     rows = torch.stack([cos, -sin, shift[0], sin, cos, shift[1]], 1).reshape(count, 2, 3)
-    grid = functional.affine_grid(rows, [count, 1, SIDE, SIDE], align_corners=False)
+    rows = rows.repeat(times, 1, 1)
+    grid = functional.affine_grid(rows, [len(rows), 1, SIDE, SIDE], align_corners=False)
     y = functional.grid_sample(x[:, None], grid, padding_mode="border", align_corners=False)
     return y[:, 0]
 
@@ -147,9 +151,9 @@ def no_eyes(x: Tensor, kind: Tensor) -> Tensor:
     return x.clamp(0, 255)
 
 
-def augmented(pictures: np.ndarray) -> tuple[Tensor, Tensor]:
-    """[B, 100, 100] u8 -> the network's input [B, 1, 100, 100], valid [B] bool."""
-    x = moved(torch.from_numpy(pictures).float())
+def augmented(pictures: np.ndarray, times: int = 1) -> tuple[Tensor, Tensor]:
+    """[B, 100, 100] u8 -> the network's input [B, 1, 100, 100], valid [B] bool; see `moved`."""
+    x = moved(torch.from_numpy(pictures).float(), times)
     strange = torch.rand(len(x)) < STRANGE
     x[strange] = lit(x[strange])
     valid = torch.rand(len(x)) >= NEGATIVES

@@ -49,28 +49,48 @@ def preset(name: str, **settings: Any) -> EyesConfig:
     return EyesConfig(**{**SETTINGS[name], **settings})
 
 
-def losses(net: EyeNet, data: EyePictures, chosen: np.ndarray) -> dict[str, Tensor]:
-    """On pictures `chosen` [B] of the data, distorted at random."""
-    x, valid = augmented(data.pictures[chosen])
+def losses(net: EyeNet, data: EyePictures, pairs: np.ndarray) -> dict[str, Tensor]:
+    """On pairs of pictures `pairs` [B / 4] of the data and on another moment of the same people, as
+    the same cameras would see it; distorted at random.
+    """
+    subject: np.ndarray = data.subject[::2]
+    after, before = (pairs + 1) % len(subject), (pairs - 1) % len(subject)
+    again = np.where(subject[after] == subject[pairs], after, before)
+    chosen = np.concatenate([pairs, again])
+    chosen = (2 * chosen[:, None] + np.arange(2)).ravel()  # left, right, left, right ..
+    x, valid = augmented(data.pictures[chosen], times=2)
     out = net(x)
     gaze, lids, rig = (
         torch.from_numpy(array[chosen]) for array in (data.gaze, data.lids, data.rig)
     )
     weight = valid * torch.where(lids > OPEN_ENOUGH, 1.0, 0.02)
-    sight = functional.smooth_l1_loss(
-        out.gaze.float() / GAZE_UNIT, gaze / GAZE_UNIT, reduction="none", beta=0.1
-    )
+    both = net.together(out.features.float().unflatten(0, (-1, 2)), out.gaze.unflatten(0, (-1, 2)))
+    both_seen = weight.unflatten(0, (-1, 2)).amin(1).repeat_interleave(2)
+    first, second = (out.features.float() @ net.relative[:-1]).chunk(2)
+    same_person = torch.from_numpy(np.repeat(subject[again] == subject[pairs], 2))
+    both_moments = torch.minimum(*weight.chunk(2)) * same_person
+    turned = torch.sub(*gaze.chunk(2))
     synthesised = net.synthesise(gaze, rig)
     features = out.features.float().detach()
     result = {
-        "gaze": (sight.mean(1) * weight).sum() / weight.sum().clamp(min=1),
+        "gaze": _gaze_loss(out.gaze, gaze, weight),
+        "pair": _gaze_loss(both.flatten(0, 1), gaze, both_seen),
+        "relative": _gaze_loss(first - second, turned, both_moments),
         "lid": ((out.lid.float() - lids).abs() * valid).mean(),
         "rig": ((out.rig.float() - rig).square().mean(1) * valid).mean(),
         "valid": functional.binary_cross_entropy_with_logits(out.valid.float(), valid.float()),
         "synthesis": ((synthesised - features).square().mean(1) * valid).mean(),
     }
-    weights = {"gaze": 2.0, "lid": 1.5, "rig": 2.0, "valid": 0.2, "synthesis": 1.0}
+    weights = {"gaze": 1.0, "pair": 1.0, "relative": 1.0, "lid": 1.5, "rig": 2.0, "valid": 0.2}
+    weights["synthesis"] = 1.0
     return result | {"total": sum((weights[k] * v for k, v in result.items()), torch.zeros(()))}
+
+
+def _gaze_loss(actual: Tensor, expected: Tensor, weight: Tensor) -> Tensor:  # [B, 2] x 2, [B]
+    away = functional.smooth_l1_loss(
+        actual.float() / GAZE_UNIT, expected / GAZE_UNIT, reduction="none", beta=0.1
+    )
+    return (away.mean(1) * weight).sum() / weight.sum().clamp(min=1)
 
 
 def run(config: EyesConfig) -> dict[str, float]:
@@ -82,7 +102,7 @@ def run(config: EyesConfig) -> dict[str, float]:
     net = EyeNet(config.net)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        return losses(net, train, rng.integers(len(train.lids), size=config.batch))
+        return losses(net, train, rng.integers(len(train.lids) // 2, size=config.batch // 4))
 
     metrics, curve = loop.train(
         "eyes", {"net": net}, step_losses, steps=config.steps, rate=config.rate, run=config.run

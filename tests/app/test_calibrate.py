@@ -44,7 +44,9 @@ def grey(eyes: np.ndarray) -> EyeReading:
     """An encoder that reads the lid off the grey; the right eye is never seen."""
     lids = eyes[:, 0, 0].astype(np.float32) / 250
     ahead = np.tile(np.float32([0, 0, 1]), (2, 1))
-    return EyeReading(np.zeros((2, 80), np.float32), ahead, lids, np.float32([0.9, 0.1]), ahead)
+    return EyeReading(
+        np.zeros((2, 80), np.float32), ahead, lids, np.float32([0.9, 0.1]), ahead, ahead
+    )
 
 
 def test_collects_what_each_target_showed() -> None:

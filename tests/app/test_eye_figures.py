@@ -25,7 +25,7 @@ def told(eyes: np.ndarray) -> EyeReading:
     xy = (eyes[:, 0, :2].astype(np.float32) - 128) / 256
     lids = eyes[:, 0, 2].astype(np.float32) / 255
     valid = (eyes[:, 0, 3] == (7, 9)).astype(np.float32)
-    return EyeReading(np.zeros((2, 80), np.float32), unit(xy), lids, valid, unit(xy))
+    return EyeReading(np.zeros((2, 80), np.float32), unit(xy), lids, valid, unit(xy), unit(xy))
 
 
 def written(gaze: np.ndarray, lids: np.ndarray) -> np.ndarray:

@@ -45,6 +45,11 @@ def test_onnx_equals_torch() -> None:
     assert np.abs(reading.gaze - expected).max() < 1e-5
     assert np.abs(reading.score - torch.sigmoid(out.valid).numpy()).max() < 1e-5
     assert np.abs(reading.lids - out.lid.clamp(0, 1).numpy()).max() < 1e-5
+    with torch.no_grad():
+        both = made.together(out.features[None], out.gaze[None])[0].numpy()
+    expected = unit(both * np.float32([[1, 1], [-1, 1]]))
+    assert np.abs(reading.together - expected).max() < 1e-5
+    assert np.abs(reading.together - reading.gaze).max() > 1e-3
     assert reading.features.shape == (2, 80) and reading.features.std() > 0.01
 
 
@@ -71,6 +76,15 @@ def test_eyes_move_together() -> None:
     assert np.abs(conjugate(true, both) - true).max() < 1e-3
     shut = joined(unit(noisy), np.float32([1, 0]), both)
     assert np.abs(shut - unit(alone)).max() < 1e-6
+
+
+def test_both_pictures_tell_while_both_show_an_eye() -> None:
+    reading = encoder()(pair())
+    reading = reading._replace(lids=np.ones(2, np.float32), score=np.ones(2, np.float32))
+    assert np.array_equal(reading.told(), reading.together)
+    shut = reading._replace(lids=np.float32([1, 0]))
+    for alone in (shut.told(), reading.told(np.array([True, False]))):
+        assert np.array_equal(alone, reading.gaze)
 
 
 def test_finite_on_any_picture() -> None:

@@ -35,7 +35,7 @@ def readings(frames: int, seed: int = 1) -> list[EyeReading]:
     """Consistent ones: features are what the encoder's own map says of the gaze."""
     lids, score = np.ones(2, np.float32), np.ones(2, np.float32)
     return [
-        EyeReading(ENCODER.synthesise(gaze, lids), gaze, lids, score, gaze)
+        EyeReading(ENCODER.synthesise(gaze, lids), gaze, lids, score, gaze, gaze)
         for gaze in looks(frames, seed)
     ]
 
@@ -57,7 +57,7 @@ def follow(
 
 def both_of(rows: list[EyeReading]) -> np.ndarray:
     """Where both eyes look while both are seen [T, 2, 3]."""
-    return np.array([joined(r.gaze, r.lids, r.score) for r in rows])
+    return np.array([joined(r.told(), r.lids, r.score) for r in rows])
 
 
 def gaze_of(seen: list[Seen]) -> np.ndarray:
@@ -176,7 +176,7 @@ def test_gaze_rests_while_the_lids_are_shut() -> None:
     rows = readings(30)
     for t in range(10, 14):
         junk = looks(100, seed=t)[5 * t]
-        rows[t] = rows[t]._replace(gaze=junk, lids=np.zeros(2, np.float32))
+        rows[t] = rows[t]._replace(gaze=junk, together=junk, lids=np.zeros(2, np.float32))
     seen, _ = follow(list(rows), np.ones((30, 2), bool))
     gaze = gaze_of(seen)
     assert np.array_equal(gaze[10:14], np.repeat(gaze[9:10], 4, 0))
@@ -186,7 +186,7 @@ def test_gaze_rests_while_the_lids_are_shut() -> None:
 def test_a_misreading_turns_no_eye_faster_than_eyes_turn() -> None:
     rows = readings(30)
     wild = unit(np.float32([[0.6, 0.1], [0.65, 0.1]]))
-    rows[15:] = [r._replace(gaze=wild) for r in rows[15:]]
+    rows[15:] = [r._replace(gaze=wild, together=wild) for r in rows[15:]]
     seen, _ = follow(list(rows), np.ones((30, 2), bool))
     assert 15 < step_deg(gaze_of(seen)).max() < 18.5
     assert np.array_equal(gaze_of(seen)[20:], both_of(rows)[20:])  # it gets there all the same
@@ -219,7 +219,8 @@ def test_what_is_personal_differs_from_eye_to_eye() -> None:
     wrong = EyeCalibration(shift=((0.1, 0.02), (-0.06, -0.1)))
     right = EyeCalibration(shift=((-0.1, -0.02), (0.06, 0.1)))
     reading, lids = readings(1)[0], np.float32([1, 0.2])
-    bent = reading._replace(gaze=wrong.apply(reading.gaze, reading.gaze, reading.lids)[0])
+    off = wrong.apply(reading.gaze, reading.gaze, reading.lids)[0]
+    bent = reading._replace(gaze=off, together=off)
     for row in (bent, bent._replace(lids=lids)):
         track = tracker()
         seen, _ = track.step(row, BOTH, track.init_state(right))

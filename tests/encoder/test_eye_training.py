@@ -26,7 +26,7 @@ from sensors.types import InputError
 
 
 def make(folder: Path, pairs: int = 60) -> Path:
-    """Eyes that both look along x, drawn; subject 9 is held out."""
+    """Eyes that both look along x, drawn, of people one after the other; subject 9 is held out."""
     rng = np.random.default_rng(0)
     pictures, gaze, lids = [], [], []
     for _ in range(pairs):
@@ -39,7 +39,7 @@ def make(folder: Path, pairs: int = 60) -> Path:
     rig[..., 0] = 1 - np.array(lids)
     save_pairs(
         folder / "eyes_0.npz", np.array(pictures), np.array(gaze), np.array(lids), rig,
-        np.arange(pairs) % 10,
+        np.arange(pairs) * 10 // pairs,
     )  # fmt: skip
     return folder
 
@@ -56,7 +56,7 @@ def test_right_eyes_become_left_ones(folder: Path) -> None:
     drawn = pixels(np.stack([drawn_eye(x, y, data.lids[1])] * 2))[0]
     assert np.abs(data.pictures[1].astype(int) - drawn).mean() < 0.2
     assert data.gaze[0, 0] == -data.gaze[1, 0]
-    assert (data.subject == np.repeat(np.arange(60) % 10, 2)).all()
+    assert (data.subject == np.repeat(np.arange(60) // 6, 2)).all()
 
 
 def test_missing_and_odd_pictures_are_one_line(tmp_path: Path) -> None:
@@ -101,14 +101,18 @@ def test_learns_drawn_eyes(folder: Path) -> None:
 def test_losses_see_their_targets(folder: Path) -> None:
     data = EyePictures.load(folder)
     net = EyeNet(PRESETS["debug"])
-    chosen = np.arange(16)
+    with torch.no_grad():
+        net.relative.normal_(std=0.1)
+    pairs = np.arange(16)
     torch.manual_seed(1)
-    before = eyes.losses(net, data, chosen)
+    before = eyes.losses(net, data, pairs)
     wrong = replace(data, gaze=data.gaze + 0.3, lids=data.lids + 0.5, rig=data.rig + 1)
     torch.manual_seed(1)
-    after = eyes.losses(net, wrong, chosen)
-    for name in ("gaze", "lid", "rig"):
+    after = eyes.losses(net, wrong, pairs)
+    for name in ("gaze", "pair", "lid", "rig"):
         assert after[name] > before[name] + 0.05
+    relative = [float(losses["relative"].detach()) for losses in (before, after)]
+    assert relative[0] == pytest.approx(relative[1])  # but for a constant
     before["total"].backward()
     assert all(p.grad is not None for p in net.parameters())
 
@@ -131,6 +135,12 @@ def test_moved_pictures_are_near_the_old_ones(folder: Path) -> None:
     place = after.flatten(1).argmax(1)
     rows, columns = place // 100, place % 100
     assert (rows - 50).abs().max() < 30 and (columns - 50).abs().max() < 30
+
+
+def test_moments_of_one_person_are_moved_alike() -> None:
+    x = torch.rand(4, 100, 100)
+    after = moved(x.repeat(2, 1, 1), times=2)
+    assert torch.equal(after[:4], after[4:]) and not torch.equal(after[:4], moved(x))
 
 
 def test_every_kind_of_negative_is_no_left_eye() -> None:
@@ -169,7 +179,7 @@ def test_relative_gaze_is_right_but_for_a_constant_of_the_eye(folder: Path) -> N
         seen = replace(data, gaze=gaze, lids=np.ones(120, np.float32))
         patch.setattr(eyes, "RELATIVE_RIDGE", 1e-3)
         eyes.fit_relative(net, seen)
-    weight = net.relative.numpy()
+    weight = net.relative.detach().numpy()
     off = mixed @ weight[:-1] + weight[-1] - gaze
     spread = [off[(data.subject == s) & (side == k)].std(0) for s in range(10) for k in (0, 1)]
     assert np.max(spread) < 0.01 and off.std() > 0.1 and np.abs(off.mean(0)).max() < 1e-3

@@ -141,6 +141,28 @@ def test_halves_take_the_mouth_of_one_and_the_eyes_of_the_other() -> None:
     assert np.abs(joined[..., upper] - other[..., upper]).max() < 1e-3
 
 
+def test_the_mouths_target_is_what_was_heard_and_the_upper_face_the_truth(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another truth of the mouth moves the loss as little as its share says."""
+    streams, settings = eye_streams(folder, lost=0.0), config(folder, folder)
+    audio_model, _ = load_denoiser(folder / "student", "student")
+    fold_gaze(audio_model, inverse=True).requires_grad_(False)
+    model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
+    batch, moved = streams.draw(2, 30, np.random.default_rng(1)), torch.zeros(53)
+    moved[list(SPEECH_COLUMNS)] = 0.5
+    other = batch._replace(codes=batch.codes + moved @ torch.from_numpy(TO_CODE))
+    halves = multimodal.Halves(face())
+
+    def loss(row: multimodal.Batch, share: float) -> float:
+        monkeypatch.setattr(multimodal, "MOUTH_TRUTH", share)
+        torch.manual_seed(0)
+        return float(multimodal.losses(model, audio_model, halves, row, face(), settings)["code"])
+
+    assert loss(other, 0.0) == pytest.approx(loss(batch, 0.0), rel=1e-3)
+    assert abs(loss(other, 1.0) - loss(batch, 1.0)) > 0.01
+
+
 def test_lost_eyes_hold_then_fade_to_the_other() -> None:
     own = torch.arange(60.0)[:, None].repeat(1, 80)
     other, gone = own + 1000, torch.zeros(60, dtype=torch.bool)
