@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from render import mesh_parts
 from render.posing import Posing, sphere_centre
-from render.surface import STRETCH, Surface
+from render.surface import Surface, stretched
 from render.types import AHEAD
 
 Floats = NDArray[np.float32]
@@ -32,7 +32,7 @@ def cover(
     """Widths [N] mm and opacities [N] with which lids, lips and eyes cover what is behind them."""
     shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
     _, _, areas = head.whole.normals(shut)
-    stretch = np.clip(np.sqrt(areas[head.triangle] / head.rest_areas), *STRETCH)
+    stretch = stretched(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
     on_edge = head.interpolate @ np.isin(head.used, edges).astype(np.float32) > 0
     widths, opacities = head.scales.copy(), opacities.copy()

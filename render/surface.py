@@ -89,7 +89,7 @@ class Surface:
             facing(normals),
             lights.parts(normals),
             self.face.normals(vertices)[1],
-            self.scales * _stretch(areas.take(self.triangle), self.rest_areas),
+            self.scales * stretched(areas.take(self.triangle), self.rest_areas),
         )
 
     def place(
@@ -200,5 +200,6 @@ def faced(quats: Floats) -> Floats:  # [n, 4] -> [n, 3]
     return np.stack([quats[:, 2], -quats[:, 1], quats[:, 0] - BEHIND], 1)
 
 
-def _stretch(areas: Floats, rest_areas: Floats) -> Floats:
+def stretched(areas: Floats, rest_areas: Floats) -> Floats:
+    """How far widths follow their triangles; `kernels.widen` does it to those that move."""
     return np.clip(np.sqrt(areas / rest_areas), *STRETCH)

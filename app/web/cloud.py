@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.web import packing
+from app.web.packing import POSITION_MAX, SCALE_MAX, TURN_MAX
 from render.types import Gaussians
 
 BASE, TICK = 1, 2  # first byte of a message
 HEAD = struct.Struct("<BxxxI")  # kind, number of Gaussians
 RANGES = struct.Struct("<6f")  # low corner mm, step mm, lowest log2 of a scale, step
 STAMP = struct.Struct("<qqI4x")  # frame, t_ns, number of movers
-POSITION_MAX, TURN_MAX, SCALE_MAX = (1 << 14) - 1, (1 << 10) - 1, 255
 MARGIN_MM = 40.0  # how far a Gaussian may leave the box of the head at rest
 MARGIN_SCALE = 1.0  # log2: how much thinner or wider than any at rest
 

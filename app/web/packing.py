@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Words = NDArray[np.uint32]
+POSITION_MAX, TURN_MAX, SCALE_MAX = (1 << 14) - 1, (1 << 10) - 1, 255
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -33,7 +34,7 @@ def pack_words(
     steps_per_scale: np.float32,  # steps of a doubling
     out: Words,  # -> [N, 4]
 ) -> None:
-    byte, place, turn = np.float32(255), np.float32(16383), np.float32(1023)
+    byte, place, turn = np.float32(255), np.float32(POSITION_MAX), np.float32(TURN_MAX)
     half = turn * np.float32(0.5)
     for n in range(len(means)):
         x = level((means[n, 0] - low_mm[0]) * steps_per_mm, place)
@@ -50,7 +51,7 @@ def pack_words(
             if scales[n, axis] != last:  # most are round in their plane: logarithms are slow
                 last = scales[n, axis]
                 log = np.log2(max(last, np.float32(1e-4)))
-                last_level = level((log - low_scale) * steps_per_scale, byte)
+                last_level = level((log - low_scale) * steps_per_scale, np.float32(SCALE_MAX))
             sizes |= last_level << np.uint32(8 * axis)
         shown = level(opacities[n] * byte, byte) << np.uint32(24)
         for channel in range(3):

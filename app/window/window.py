@@ -20,12 +20,12 @@ from app.window.screen import Screen
 from app.window.shared import SharedMemory, WindowInfo
 from app.window.state import State
 from render.cameras import Orbit
+from render.types import AHEAD
 from sensors.types import EYE_SIZE
 
 DEGREES_PER_PX, ZOOM_PER_STEP = 0.35, 1.1
 CHROME_S = 2.5  # with hidden panels the toolbar shows this long after the mouse has moved
-AHEAD = np.array([0, 0, 1], np.float32)
-REST: tuple[Code, Code] = np.zeros(256, np.float32), np.stack([AHEAD, AHEAD])
+REST: tuple[Code, Code] = np.zeros(256, np.float32), AHEAD
 
 
 class Window:
