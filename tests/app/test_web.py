@@ -170,5 +170,6 @@ def test_a_server_that_hangs_costs_ticks_and_no_time(talker: Talker) -> None:
 
 
 def test_status_is_text(talker: Talker) -> None:
+    talker.tick()
     wait_until(lambda: talker.count("ticks") > 0)
     assert json.dumps(talker.sink.report())
