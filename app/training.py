@@ -46,6 +46,7 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
     """The frozen decoder as the losses see it; a vertex is measured from its place at rest."""
     import torch
 
+    from encoder.capture.channels import SPEECH_COLUMNS
     from encoder.training.geometry import Face
     from render.decoder import Decoder
 
@@ -58,6 +59,8 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
     rows = (chosen[:, None] * 3 + np.arange(3)).ravel()
     dense = np.asarray(decoder.basis[rows].todense(), np.float32)  # [V * 3, 53]
     to_code, to_vertices = decoder.to_code, torch.from_numpy(decoder.to_rig @ dense.T)
+    speech = list(SPEECH_COLUMNS)
+    to_mouth = torch.from_numpy(decoder.to_rig[:, speech] @ to_code[speech])  # [256, 256]
 
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
         return rig.astype(np.float32) @ to_code
@@ -68,8 +71,11 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
             flat = codes.float() @ to_vertices.to(codes.device)
         return flat.reshape(*codes.shape[:-1], -1, 3)
 
+    def mouth(codes: "Tensor") -> "Tensor":
+        return codes.float() @ to_mouth.to(codes.device)
+
     scale = torch.tensor([weights[int(v)] for v in chosen])
-    return Face(rig_to_code, vertices, scale / scale.mean(), lip_gaps())
+    return Face(rig_to_code, vertices, scale / scale.mean(), lip_gaps(), mouth)
 
 
 def lip_gaps() -> "Callable[[Tensor], Tensor]":

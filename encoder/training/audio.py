@@ -43,9 +43,9 @@ class AudioConfig:
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.4),
         ("emotional", 0.1),  # the same rules, other voices of the same speakers
-        ("tracked", 0.2),
-        ("envelope", 0.2),
-        ("rest", 0.1),
+        ("tracked", 0.25),
+        ("envelope", 0.05),  # its only truth is loudness, which no encoder needs to be taught
+        ("rest", 0.2),
     )
 
 
@@ -130,6 +130,8 @@ def run(config: AudioConfig) -> dict[str, float]:
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
         crops, truths = draw_batch(groups, config, rng)
         audio = torch.tensor(np.stack([c.audio for c in crops]), device=filters.device)
+        if not config.contrastive_weight:
+            return losses(heads(stacked(encoder, audio)), crops, truths, filters)
         features, contrast = forward(encoder, audio, predictor)
         result = losses(heads(features), crops, truths, filters)
         result["contrastive"] = contrast

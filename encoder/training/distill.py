@@ -2,12 +2,13 @@
 
 L_distill pulls the student's single prediction to the teacher's iterated one (guidance included);
 L_DMD pushes its samples toward where the teacher finds them likelier than the student does;
-L_geom keeps the motion of the truth. tau is drawn from pi, a mixture of K Gaussians whose weights
-beta move in four updates from four steps to tau = N (appendix, after Chadebec et al. 2024).
+L_geom keeps the motion of the truth, and the truth itself holds the mouth. tau is drawn from pi, a
+mixture of K Gaussians whose weights beta move in four updates from four steps to tau = N (appendix,
+after Chadebec et al. 2024).
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,6 @@ from encoder.training.diffusion import (
     fold_gaze,
     geometry_losses,
     load_denoiser,
-    weighted_error,
 )
 from encoder.training.geometry import Face
 from encoder.training.streams import Streams
@@ -50,12 +50,14 @@ class DistillConfig:
     # measured: 1.5 moves the lips more and in better time than 1.0 (closures as often)
     guidance: Guidance = Guidance(weight=1.5)
     dmd_weight: float = 0.05
+    # the student is its own fake score; once all draws are at tau = N it forgets the smaller ones
+    dmd_to_end: bool = False
     velocity_weight: float = 1.0
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 1.0  # the lips move as far as the truth's, and rest as still
     contact_weight: float = 0.5  # and touch where the truth's touch
-    truth_weight: float = 2.0  # rest and closures stay the truth's, not an average sample's
+    truth_weight: float = 2.0  # of the mouth: rest and closures stay the truth's
 
 
 PRESETS: dict[str, dict[str, Any]] = {
@@ -69,6 +71,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "reuse": 1,
         "guidance": Guidance(weight=1.0),
         "dmd_weight": 1.0,
+        "dmd_to_end": True,
         "truth_weight": 0.0,
         "spread_weight": 0.0,
         "contact_weight": 0.0,
@@ -148,6 +151,16 @@ def dmd_loss(
     return 0.5 * (z - target).square().mean()
 
 
+def mouth_error(student: Denoiser, z: Tensor, codes: Tensor, weight: Tensor, face: Face) -> Tensor:
+    """Weighted squared error of what moves the mouth, in units of `z`.
+
+    Eyes, lids and brows stay the teacher's samples: nobody can tell from sound when a blink comes,
+    and a mean of blinks is none.
+    """
+    error = face.mouth(student.unstandardise(z) - codes) / student.expression_std
+    return (error.square().mean(-1) * weight).mean()
+
+
 Sample = tuple[Tensor, int, Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
@@ -203,7 +216,7 @@ def losses(
     result = {"distill": (z - target).square().mean()}
     total = result["distill"]
     if config.truth_weight:
-        result["truth"] = weighted_error(z, student.standardise(codes), weight)
+        result["truth"] = mouth_error(student, z, codes, weight, face)
         total = total + config.truth_weight * result["truth"]
     parts, geometry = geometry_losses(student.unstandardise(z), codes, face, config)
     total = total + geometry
@@ -226,9 +239,11 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
     schedule = Schedule(teacher.config.num_steps)
     pools = Pools(teacher, streams, schedule, config)
     forward = torch.compile(losses) if config.run.compile else losses
+    without_dmd = config if config.dmd_to_end else replace(config, dmd_weight=0.0)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        return forward(student, teacher, pools.at(step, rng), schedule, face, config)
+        now = config if phase_at(step, config) < len(_PHASES) - 1 else without_dmd
+        return forward(student, teacher, pools.at(step, rng), schedule, face, now)
 
     metrics, curve = loop.train(
         "distill", {"student": student}, step_losses, steps=config.steps, rate=config.rate,

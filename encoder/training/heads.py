@@ -96,7 +96,7 @@ def losses(
         phone = outputs["phone"].sum() * 0
     result = {"mouth": 20 * torch.stack(mouth).sum(), "phone": phone}
     result["mel"] = functional.smooth_l1_loss(outputs["mel"], mel)
-    result["total"] = result["mouth"] + 0.3 * result["phone"] + 0.5 * result["mel"]
+    result["total"] = result["mouth"] + 0.6 * result["phone"] + 0.5 * result["mel"]
     return result
 
 

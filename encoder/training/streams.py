@@ -36,9 +36,9 @@ class StreamConfig:
     rest_streams: float = 0.12  # share of streams without a word: loudness statistics die away
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.45),
-        ("tracked", 0.25),
-        ("envelope", 0.15),
-        ("rest", 0.15),
+        ("tracked", 0.3),
+        ("envelope", 0.08),  # timid: labelled by the audio stage's heads
+        ("rest", 0.17),
     )
 
 

@@ -9,7 +9,7 @@ import pytest
 from app.train import Train
 from app.training import VARIANTS, face
 from encoder.capture import dataset
-from encoder.capture.channels import JAW_OPEN, RIG_NAMES
+from encoder.capture.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
 from sensors.types import InputError
 
 
@@ -86,3 +86,7 @@ def test_the_losses_see_the_decoder(data):
     assert moved.shape[:2] == (1, 2) and moved.shape[2] == len(decoder.weights)
     assert moved[0, 0].abs().max() < 0.1 and moved[0, 1].norm(dim=-1).max() > 5
     assert float(decoder.weights.mean()) == pytest.approx(1, abs=1e-5)
+    blinking = rig.copy()
+    blinking[..., RIG_INDEX["eyeBlink_L"]] = 1.0
+    jaw, both = (torch.tensor(decoder.rig_to_code(x)) for x in (rig, blinking))
+    torch.testing.assert_close(decoder.mouth(both), jaw, atol=1e-3, rtol=0)

@@ -40,7 +40,7 @@ def face(channels: list[int]) -> Face:
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
         return (rig @ BASIS).astype(np.float32)
 
-    return Face(rig_to_code, vertices, torch.ones(len(channels)), vertices)
+    return Face(rig_to_code, vertices, torch.ones(len(channels)), vertices, lambda codes: codes)
 
 
 SMILE = RIG_INDEX["mouthSmile_L"]

@@ -27,7 +27,11 @@ def vertices(codes: torch.Tensor) -> torch.Tensor:
     return (codes @ torch.tensor(BASIS.T))[..., :30].unflatten(-1, (10, 3))
 
 
-FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices)
+def mouth(codes: torch.Tensor) -> torch.Tensor:
+    return torch.cat([codes[..., :128], torch.zeros_like(codes[..., 128:])], -1)
+
+
+FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices, mouth)
 
 
 @pytest.fixture(scope="module")
@@ -212,6 +216,25 @@ def test_dmd_gradient_points_to_the_teacher():
     none = torch.zeros(1, 4, 1)
     distill.dmd_loss(Constant(far), Constant(near), z, none, none, Schedule()).backward()
     assert z.grad is not None and (z.grad < 0).all()  # a step down the gradient rises to 1
+
+
+def test_the_truth_holds_the_mouth_and_leaves_the_eyes_to_the_teacher():
+    student, codes, weight = Denoiser(PRESETS["debug"]), torch.zeros(1, 4, 256), torch.ones(1, 4)
+    student.expression_std.fill_(3.0)
+    z = torch.zeros(1, 4, 256)
+    z[..., 128:] = 1.0
+    assert distill.mouth_error(student, z, codes, weight, FACE) == 0
+    z[..., :128] = 1.0
+    assert distill.mouth_error(student, z, codes, weight, FACE) == pytest.approx(0.5)
+
+
+def test_dmd_ends_where_the_student_is_trained_at_tau_n_alone(stages, tmp_path, monkeypatch):
+    monkeypatch.setattr(distill, "phase_at", lambda *_: 4)
+    motion = {"streams": stages / "streams.npz", "teacher": stages / "teacher"}
+    for end, kept in ((False, False), (True, True)):
+        config = distill.preset("debug", **settings(tmp_path, "student", **motion))
+        metrics = distill.run(replace(config, dmd_to_end=end), FACE)
+        assert ("dmd" in metrics) is kept
 
 
 def test_tau_moves_from_four_steps_to_one_in_four_updates():
