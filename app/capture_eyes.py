@@ -58,7 +58,7 @@ def _file(job: tuple[Path, int, list[str], tuple[int, int]]) -> float:
     """Render one file; returns its CPU seconds, without the start of the process."""
     global _renderer
     from encoder.capture import dataset
-    from encoder.eye_network import pixels
+    from encoder.eye_format import pixels
     from render import identity
     from render.decoder import Decoder
     from render.near_eye import NearEye
@@ -102,7 +102,7 @@ def _save(path: Path, rows: dict[str, list[Any]]) -> None:
 
 def _upper_face(rig: Floats) -> Floats:  # [53] -> [2, 7]
     from encoder.capture.channels import RIG_INDEX
-    from encoder.eye_network import RIG
+    from encoder.eye_format import RIG
 
     return np.array([[rig[RIG_INDEX[f"{name}_{s}"]] for name in RIG] for s in "LR"], np.float32)
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.eye_network import unit
+from encoder.eye_format import unit
 from sensors.types import FPS, InputError
 
 Array = NDArray[np.float32]

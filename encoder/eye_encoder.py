@@ -7,16 +7,14 @@ Runtime on one thread; frame by frame, so streaming and offline are the same thi
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from encoder.checkpoint import config_from, load
+from encoder.eye_format import GAZE_UNIT, MIN_SPREAD, RIG, EyeNetConfig, normalised, pixels, unit
 from sensors.types import InputError
-
-if TYPE_CHECKING:
-    from encoder.eye_network import EyeNetConfig
 
 Array = NDArray[np.float32]
 MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
@@ -52,8 +50,6 @@ def joined(
     """Where both eyes look. After calibration: what is personal differs from eye to eye, and a mean
     of both with changing weights would mix it.
     """
-    from encoder.eye_network import unit
-
     return unit(conjugate(gaze[:, :2], trust(lids, score)))
 
 
@@ -69,8 +65,6 @@ class EyeReading(NamedTuple):
 
     def told(self, good: NDArray[np.bool_] | None = None) -> Array:  # [2] -> [2, 3]
         """Gaze of each eye, told by both pictures as far as both show an eye: see `joined`."""
-        from encoder.eye_network import unit
-
         score = self.score if good is None else self.score * good
         share = trust(self.lids, score).min()
         return unit(self.gaze[:, :2] + share * (self.together[:, :2] - self.gaze[:, :2]))
@@ -96,13 +90,11 @@ class EyeEncoder:
         self,
         eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
     ) -> EyeReading:
-        from encoder.eye_network import GAZE_UNIT, MIN_SPREAD, normalised, pixels, unit
-
-        small = pixels(eyes)
-        features, heads = self._session.run(None, {"pixels": normalised(small)})
+        small, spreads = normalised(pixels(eyes))
+        features, heads = self._session.run(None, {"pixels": small})
         lids = np.clip(heads[:, 2], 0, 1)
         score = 1 / (1 + np.exp(-np.clip(heads[:, 3], -30, 30)))
-        score = np.where(small.std((1, 2)) < MIN_SPREAD, np.float32(0), score)
+        score = np.where(spreads < MIN_SPREAD, np.float32(0), score)
         relative = features @ self._relative[:-1] + self._relative[-1]
         pair = np.concatenate([features, features[::-1]], 1)
         together = heads[:, :2] + np.float32(GAZE_UNIT) * _through(self._pair, pair)
@@ -115,8 +107,6 @@ class EyeEncoder:
         lids: Array,  # [2] opening
     ) -> Array:  # [2, 80]
         """The features that such eyes would give on average."""
-        from encoder.eye_network import GAZE_UNIT, RIG
-
         face = np.zeros((2, 2 + len(RIG)), np.float32)
         face[:, :1] = gaze[:, :1] * MIRROR / GAZE_UNIT
         face[:, 1] = gaze[:, 1] / GAZE_UNIT
@@ -131,8 +121,6 @@ def _through(layers: list[tuple[Array, Array]], x: Array) -> Array:
 
 def load_eye_encoder(folder: Path) -> EyeEncoder:
     """The trained eye encoder of a weights folder; InputError where it is missing or damaged."""
-    from encoder.eye_network import EyeNetConfig
-
     tensors, card = load(folder / "eyes", "eyes")
     weights = {name: tensor.float().numpy() for name, tensor in tensors.items()}
     try:

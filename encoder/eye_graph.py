@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from encoder.eye_network import GAZE_UNIT, RIG, SIDE, EyeNetConfig
+from encoder.eye_format import GAZE_UNIT, RIG, SIDE, EyeNetConfig
 from encoder.onnx_graph import Array, Graph, Weights
 
 if TYPE_CHECKING:

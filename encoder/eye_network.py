@@ -8,41 +8,12 @@ on the capture stage's renders to tell gaze, lid and the upper face's rig channe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sensors.types import EYE_SIZE
-
-SIDE = EYE_SIZE // 4  # 100: the network sees means of 4 x 4 pixels
-FEATURES = 80  # an eye; e is 160
-# What the upper face does, besides gaze, as far as an eye camera can see it.
-RIG = ("eyeBlink", "eyeSquint", "eyeWide", "browDown", "browInnerUp", "browOuterUp", "cheekSquint")
-MIN_SPREAD = 4.0  # grey levels; a flatter picture is not stretched any further
-MAX_SINE = 0.85  # of the angle off straight ahead
-GAZE_UNIT = 0.2  # the network's 1.0 is 11.5 degrees
-
-
-@dataclass(frozen=True, kw_only=True)
-class EyeNetConfig:
-    """Layers are (channels, kernel, stride); a stride of 1 adds its input (residual)."""
-
-    layers: tuple[tuple[int, int, int], ...] = (
-        *((8, 5, 2), (16, 3, 2), (16, 3, 1), (40, 3, 2), (40, 3, 1), (64, 3, 2), (64, 3, 1)),
-    )
-    features: int = FEATURES
-    synthesis: int = 64  # width of the map from gaze and rig back to features
-    pair: int = 64  # width of what both eyes together tell
-
-
-PRESETS = {
-    "debug": EyeNetConfig(layers=((4, 5, 4), (8, 3, 2), (8, 3, 1), (8, 3, 2)), synthesis=16),
-    "default": EyeNetConfig(),
-}
+from encoder.eye_format import GAZE_UNIT, RIG, SIDE, EyeNetConfig
 
 
 class EyeOutputs(NamedTuple):
@@ -53,40 +24,6 @@ class EyeOutputs(NamedTuple):
     lid: Tensor  # [B] opening: 0 shut, 1 open
     valid: Tensor  # [B] logit: is this a left eye, seen by a working camera?
     rig: Tensor  # [B, 7] RIG
-
-
-def pixels(
-    eyes: NDArray[np.uint8],  # [2, 400, 400] left, right; or smaller, by whole steps of 100
-) -> NDArray[np.uint8]:  # [2, 100, 100]
-    """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
-    shrink = eyes.shape[1] // SIDE
-    rows = eyes.reshape(2, SIDE, shrink, eyes.shape[2])
-    tall = rows[:, :, 0].astype(np.uint16)
-    for k in range(1, shrink):
-        tall += rows[:, :, k]
-    small = tall[:, :, ::shrink].copy()
-    for k in range(1, shrink):
-        small += tall[:, :, k::shrink]
-    small = ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
-    small[1] = small[1, :, ::-1].copy()
-    return small
-
-
-def normalised(small: NDArray[np.uint8]) -> NDArray[np.float32]:
-    """[B, 100, 100] -> [B, 1, 100, 100] of mean 0 and spread 1, in -3..3: exposure cancels."""
-    x = small.astype(np.float32)
-    mean = x.mean((1, 2), keepdims=True)
-    spread = np.maximum(x.std((1, 2), keepdims=True), MIN_SPREAD)
-    return np.clip((x - mean) / spread, -3, 3)[:, None]
-
-
-def unit(gaze: NDArray[np.floating]) -> NDArray[np.float32]:
-    """x and y [..., 2] -> forward unit vectors [..., 3]."""
-    xy = np.asarray(gaze, np.float64)
-    length = np.linalg.norm(xy, axis=-1, keepdims=True)
-    xy = xy * (MAX_SINE / np.maximum(length, MAX_SINE))
-    z = np.sqrt(1 - (xy * xy).sum(-1, keepdims=True))
-    return np.concatenate([xy, z], -1).astype(np.float32)
 
 
 class EyeNet(nn.Module):

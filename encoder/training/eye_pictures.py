@@ -1,6 +1,6 @@
 """Training pictures of eyes with their truth, and the distortions that make them strange.
 
-Files hold small left-like pictures (`eye_network.pixels`), so that a hundred thousand fit in
+Files hold small left-like pictures (`eye_format.pixels`), so that a hundred thousand fit in
 memory. The truth is rule-made: the capture stage drew these pictures from it.
 """
 
@@ -14,7 +14,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from encoder.eye_network import RIG, SIDE
+from encoder.eye_format import MIN_SPREAD, MOST, RIG, SIDE
 from sensors.types import InputError
 
 ARRAYS = ("pictures", "gaze", "lids", "rig", "subject")
@@ -164,9 +164,7 @@ def augmented(pictures: np.ndarray, times: int = 1) -> tuple[Tensor, Tensor]:
 
 
 def standard(x: Tensor) -> Tensor:
-    """`eye_network.normalised`, in torch."""
-    from encoder.eye_network import MIN_SPREAD
-
+    """`eye_format.normalised`, in torch."""
     mean = x.mean((1, 2), keepdim=True)
     spread = x.std((1, 2), keepdim=True, correction=0).clamp(min=MIN_SPREAD)
-    return ((x - mean) / spread).clamp(-3, 3)[:, None]
+    return ((x - mean) / spread).clamp(-MOST, MOST)[:, None]

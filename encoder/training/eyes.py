@@ -15,7 +15,8 @@ from torch import Tensor
 from torch.nn import functional
 
 from encoder import checkpoint
-from encoder.eye_network import GAZE_UNIT, PRESETS, EyeNet, EyeNetConfig, unit
+from encoder.eye_format import GAZE_UNIT, PRESETS, EyeNetConfig, unit
+from encoder.eye_network import EyeNet
 from encoder.training import loop
 from encoder.training.eye_pictures import EyePictures, augmented, standard
 

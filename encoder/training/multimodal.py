@@ -20,7 +20,8 @@ from encoder import checkpoint
 from encoder.capture.channels import RIG_INDEX, RIG_NAMES, SPEECH_COLUMNS
 from encoder.denoiser import Denoiser
 from encoder.eye_encoder import MIRROR
-from encoder.eye_network import FEATURES, RIG, EyeNet, EyeNetConfig
+from encoder.eye_format import FEATURES, RIG, EyeNetConfig
+from encoder.eye_network import EyeNet
 from encoder.eye_tracker import FADE_FRAMES, HOLD_FRAMES
 from encoder.training import loop
 from encoder.training.diffusion import fold_gaze, load_denoiser, weighted_error

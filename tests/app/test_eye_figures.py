@@ -14,7 +14,7 @@ from app.eye_figures import blinded, calibrated, encoder_figures, fault_figures
 from app.eye_real import pupil, real_figures, sheet, squared
 from encoder.eye_calibration import ROUTINE
 from encoder.eye_encoder import EyeReading
-from encoder.eye_network import unit
+from encoder.eye_format import unit
 from sensors.types import InputError
 
 FRAMES = 90

@@ -6,7 +6,8 @@ import numpy as np
 import torch
 
 from encoder.eye_encoder import EyeEncoder
-from encoder.eye_network import PRESETS, EyeNet
+from encoder.eye_format import PRESETS
+from encoder.eye_network import EyeNet
 from encoder.gaze_graph import GazeGraph, build
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from encoder.eye_calibration import ROUTINE, EyeCalibration, Take, fit
-from encoder.eye_network import unit
+from encoder.eye_format import unit
 from sensors.types import InputError
 
 

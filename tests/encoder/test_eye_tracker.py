@@ -8,7 +8,7 @@ from eye_material import encoder, graph, looks
 
 from encoder.eye_calibration import EyeCalibration
 from encoder.eye_encoder import EyeReading, joined
-from encoder.eye_network import unit
+from encoder.eye_format import unit
 from encoder.eye_tracker import (
     BLINK_FRAMES,
     FADE_FRAMES,
