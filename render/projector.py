@@ -1,4 +1,4 @@
-"""Gaussians -> splats on the screen: the first pass of every GL splat renderer."""
+"""Gaussians -> splats on the screen, on the GPU: the first pass of the quad renderer."""
 
 from typing import TYPE_CHECKING
 
@@ -6,30 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import tile_kernels
+from render.projection_kernels import BROKEN, HIDDEN
 from render.storage import GrowingBuffer, splat_shader
-from render.types import Camera, Gaussians
+from render.types import FIELDS, Camera, Gaussians
 
 if TYPE_CHECKING:
     import moderngl
-
-TILE_PX = 8
-FIELDS = ("means", "quats", "scales", "opacities", "colors")  # bindings 0..4
-# Depths of undrawn splats, as in shaders/project.comp.glsl.
-HIDDEN, BROKEN = np.float32(3.0e38), np.float32(3.2e38)
 
 U32 = NDArray[np.uint32]
 
 
 class Projector:
-    """Uploads Gaussians and leaves packed splats on the device; depths and boxes come back."""
+    """Uploads Gaussians and leaves packed splats on the device; their depths come back."""
 
     def __init__(self, gl: "moderngl.Context") -> None:
         self._gl = gl
         self._program = gl.compute_shader(splat_shader("project.comp.glsl"))
         self._inputs = [GrowingBuffer(gl) for _ in FIELDS]
-        self.splats, self._depth_buffer, self._box_buffer = (GrowingBuffer(gl) for _ in range(3))
+        self.splats, self._depth_buffer = GrowingBuffer(gl), GrowingBuffer(gl)
         self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
-        self.boxes = np.empty((0, 4), np.uint32)  # [N] tiles: x0 | y0 << 16, x1 | y1 << 16, rows
         self._order = self._work = np.empty(0, np.uint32)
         self._uploaded: Gaussians | None = None  # one upload serves both eyes
         self.dropped = 0  # Gaussians of the last run that no picture can show
@@ -42,7 +37,7 @@ class Projector:
         gaussians.check()
         n = len(gaussians)
         if n != len(self._depths):
-            self._depths, self.boxes = np.empty(n, np.float32), np.empty((n, 4), np.uint32)
+            self._depths = np.empty(n, np.float32)
             self._order, self._work = np.empty(n, np.uint32), np.empty(n, np.uint32)
         if n == 0:
             self.dropped = 0
@@ -53,7 +48,7 @@ class Projector:
             buffer.bind(binding)
         self._uploaded = gaussians
         for binding, (buffer, row_bytes) in enumerate(
-            ((self.splats, 16), (self._depth_buffer, 4), (self._box_buffer, 16)), len(FIELDS)
+            ((self.splats, 16), (self._depth_buffer, 4)), len(FIELDS)
         ):
             buffer.reserve(n * row_bytes)
             buffer.bind(binding)
@@ -62,12 +57,10 @@ class Projector:
         program["view"] = tuple(np.asarray(camera.viewmat, np.float64).T.ravel())
         program["lens"] = (K[0, 0], K[1, 1], K[0, 2], K[1, 2])
         program["size"] = (camera.width, camera.height)
-        program["tile"] = (TILE_PX, TILE_PX)
         program["near_mm"] = camera.near_mm
         program.run((n + 63) // 64)
         self._gl.memory_barrier()
         self._depth_buffer.read(self._depths)
-        self._box_buffer.read(self.boxes)
         self.dropped = int(np.count_nonzero(self._depths == BROKEN))
         count = tile_kernels.nearest_first(
             self._depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._work

@@ -1,7 +1,7 @@
-"""Splat renderer for software GL: two compute passes and the CPU between them.
+"""Splat renderer for software GL: compiled loops prepare what one compute pass blends.
 
-The Gaussians are projected (`render/projector.py`), dealt to the tiles that their ellipses reach
-(`render/tile_pairs.py`), and every tile is blended by itself, front to back, in float32
+The Gaussians are projected (`render/tile_projector.py`), dealt to the tiles that their ellipses
+reach (`render/tile_pairs.py`), and every tile is blended by itself, front to back, in float32
 (shaders/tiles.comp.glsl).
 """
 
@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
-from render.projector import TILE_PX, U32, Projector
+from render.projection_kernels import TILE_PX
 from render.storage import GrowingBuffer, splat_shader
-from render.tile_pairs import deal
+from render.tile_pairs import U32, deal
+from render.tile_projector import TileProjector
 from render.types import Camera, Gaussians
 
 LANES = 8  # tiles of a work group
@@ -37,10 +38,10 @@ class TileRenderer:
     def __init__(self, context: GLContext) -> None:
         context.activate()
         self._context, gl = context, context.gl
-        self._projector = Projector(gl)
+        self._projector = TileProjector()
         self._program = gl.compute_shader(splat_shader("tiles.comp.glsl"))
-        self._pairs, self._starts, self._tiles, self._needs, self._pixels = (
-            GrowingBuffer(gl) for _ in range(5)
+        self._splats, self._pairs, self._starts, self._tiles, self._needs, self._pixels = (
+            GrowingBuffer(gl) for _ in range(6)
         )
         self._picture = np.empty((0, 0, 4), np.uint8)
         self._paper: tuple[int, int, tuple[float, float, float]] | None = None  # of that picture
@@ -53,16 +54,16 @@ class TileRenderer:
         self._context.activate()
         order = self._projector.run(gaussians, camera)
         across, down = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
-        boxes = self._projector.boxes.take(order, 0)
-        pairs = deal(boxes, order, (across, down), boxes.view(np.uint8)[:, 8:])
+        pairs = deal(self._projector.boxes, order, (across, down), self._projector.rows)
         lanes = share_out(self._effort(pairs.starts, camera))
+        self._splats.write(self._projector.splats)
         self._pairs.write(pairs.splats)
         self._starts.write(np.append(pairs.starts, pairs.starts[-1:]))  # and those of no tile
         self._tiles.write(lanes)
         self._needs.reserve(4 * len(pairs.starts))
         self._pixels.reserve(self._picture.nbytes)
         lists = (self._pairs, self._starts, self._tiles, self._needs, self._pixels)
-        for binding, buffer in enumerate((self._projector.splats, *lists)):
+        for binding, buffer in enumerate((self._splats, *lists)):
             buffer.bind(binding)
         self._program["size"] = (camera.width, camera.height)
         self._program["background"] = camera.background

@@ -39,21 +39,23 @@ def nearest_first(
 
 @njit(cache=True, nogil=True)
 def count_tiles(
-    boxes: NDArray[np.uint32],  # [M, 2 or more] tiles: x0 | y0 << 16, x1 | y1 << 16
-    rows: NDArray[np.uint8],  # [M, 8] left out << 4 | reached, or WHOLE
+    boxes: NDArray[np.uint32],  # [N, 2] tiles: x0 | y0 << 16, x1 | y1 << 16
+    rows: NDArray[np.uint8],  # [N, 8] left out << 4 | reached, or WHOLE
+    order: NDArray[np.uint32],  # [M] of the splats that are dealt
     across: int,
     counts: NDArray[np.int32],  # -> [tiles + 1] splats that reach each tile; the last is 0
 ) -> None:
     counts[:] = 0  # first the change from each tile to the next
-    for m in range(len(boxes)):
-        x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
-        x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        whole = rows[m, 0] == WHOLE
+    for m in range(len(order)):
+        i = np.uintp(order[m])
+        x0, y0 = int(boxes[i, 0] & 0xFFFF), int(boxes[i, 0] >> 16)
+        x1, y1 = int(boxes[i, 1] & 0xFFFF), int(boxes[i, 1] >> 16)
+        whole = rows[i, 0] == WHOLE
         for k in range(y1 - y0):
             first, last = np.uintp((y0 + k) * across + x0), np.uintp((y0 + k) * across + x1)
             if not whole:
-                first += np.uintp(rows[m, k] >> 4)
-                last = first + np.uintp(rows[m, k] & 15)
+                first += np.uintp(rows[i, k] >> 4)
+                last = first + np.uintp(rows[i, k] & 15)
             counts[first] += 1
             counts[last] -= 1
     for tile in range(1, len(counts)):
@@ -64,27 +66,28 @@ def count_tiles(
 def deal_to_tiles(
     boxes: NDArray[np.uint32],
     rows: NDArray[np.uint8],
-    names: NDArray[np.uint32],  # [M] of the splats
+    order: NDArray[np.uint32],  # [M] of the splats, nearest first
     across: int,
     places: NDArray[np.uint32],  # [tiles] first place of each tile; moved to its end
     splats: NDArray[np.uint32],  # -> [P] tile after tile
 ) -> None:
     # Unsigned numbers need no test for Python's negative indices: a third less time.
-    for m in range(len(boxes)):
-        name = names[m]
-        x0, y0 = int(boxes[m, 0] & 0xFFFF), int(boxes[m, 0] >> 16)
-        x1, y1 = int(boxes[m, 1] & 0xFFFF), int(boxes[m, 1] >> 16)
-        if rows[m, 0] == WHOLE:
+    for m in range(len(order)):
+        splat = order[m]
+        i = np.uintp(splat)
+        x0, y0 = int(boxes[i, 0] & 0xFFFF), int(boxes[i, 0] >> 16)
+        x1, y1 = int(boxes[i, 1] & 0xFFFF), int(boxes[i, 1] >> 16)
+        if rows[i, 0] == WHOLE:
             for y in range(y0, y1):
                 for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
                     place = np.uintp(places[tile])
-                    splats[place] = name
+                    splats[place] = splat
                     places[tile] = place + 1
         else:
             for k in range(y1 - y0):
-                row = rows[m, k]
+                row = rows[i, k]
                 first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
                 for tile in range(first, first + np.uintp(row & 15)):
                     place = np.uintp(places[tile])
-                    splats[place] = name
+                    splats[place] = splat
                     places[tile] = place + 1

@@ -20,10 +20,10 @@ class Pairs(NamedTuple):
 
 
 def deal(
-    boxes: U32,  # [M, 2] tiles, nearest splat first: x0 | y0 << 16 and, excluded, x1 | y1 << 16
-    names: U32,  # [M] what the splats are called in the lists
+    boxes: U32,  # [N, 2] tiles of every splat: x0 | y0 << 16 and, excluded, x1 | y1 << 16
+    order: U32,  # [M] the splats that are seen, nearest first
     size: tuple[int, int],  # tiles across, down
-    rows: NDArray[np.uint8] | None = None,  # [M, 8] left out << 4 | reached, or WHOLE
+    rows: NDArray[np.uint8] | None = None,  # [N, 8] left out << 4 | reached, or WHOLE
 ) -> Pairs:
     """Pairs of splats and the tiles of their boxes or, where `rows` are told, of what they reach.
 
@@ -32,7 +32,7 @@ def deal(
     if rows is None:
         rows = np.full((len(boxes), 8), tile_kernels.WHOLE)
     counts = np.empty(size[0] * size[1] + 1, np.int32)
-    tile_kernels.count_tiles(boxes, rows, size[0], counts)
+    tile_kernels.count_tiles(boxes, rows, order, size[0], counts)
     total = int(counts.sum(dtype=np.int64))
     if total > MAX_PAIRS:
         raise InputError(
@@ -42,5 +42,5 @@ def deal(
     starts = np.zeros(len(counts), np.uint32)
     np.cumsum(counts[:-1], out=starts[1:])
     splats = np.empty(total, np.uint32)
-    tile_kernels.deal_to_tiles(boxes, rows, names, size[0], starts[:-1].copy(), splats)
+    tile_kernels.deal_to_tiles(boxes, rows, order, size[0], starts[:-1].copy(), splats)
     return Pairs(splats, starts)

@@ -24,6 +24,10 @@ class Mesh:
     faces: NDArray[np.int32]  # [F, 3] indices into vertices
 
 
+# Arrays of Gaussians, and the shape of a row.
+FIELDS = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colors": (3,)}
+
+
 @dataclass(frozen=True)
 class Gaussians:
     """A cloud of coloured 3D Gaussians, in world space."""
@@ -40,15 +44,8 @@ class Gaussians:
     def check(self) -> None:
         """Raise InputError unless every array has the shape stated above."""
         n = len(self.means)
-        expected = {
-            "means": (n, 3),
-            "quats": (n, 4),
-            "scales": (n, 3),
-            "opacities": (n,),
-            "colors": (n, 3),
-        }
-        for name, shape in expected.items():
-            got = getattr(self, name).shape
+        for name, row in FIELDS.items():
+            shape, got = (n, *row), getattr(self, name).shape
             if got != shape:
                 raise InputError(
                     f"Gaussians.{name}: expected shape {list(shape)}, got {list(got)}; "

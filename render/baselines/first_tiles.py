@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.contexts import GLContext
-from render.projector import FIELDS, HIDDEN, TILE_PX, U32
+from render.projection_kernels import HIDDEN, TILE_PX
 from render.storage import GrowingBuffer
-from render.types import Camera, Gaussians
+from render.tile_pairs import U32
+from render.types import FIELDS, Camera, Gaussians
 
 if TYPE_CHECKING:
     import moderngl

@@ -1,4 +1,5 @@
-// Gaussians -> splats (EWA projection); one lane a Gaussian. The oracle is render/reference.py.
+// Gaussians -> splats (EWA projection); one lane a Gaussian. On a CPU render/projection_kernels.py does
+// the same; the oracle of both is render/reference.py.
 layout(local_size_x = 64) in;
 
 layout(std430, binding = 0) readonly buffer Means { float means[]; };
@@ -8,13 +9,11 @@ layout(std430, binding = 3) readonly buffer Opacities { float opacities[]; };
 layout(std430, binding = 4) readonly buffer Colors { float colors[]; };
 layout(std430, binding = 5) writeonly buffer Splats { uvec4 splats[]; };  // packed
 layout(std430, binding = 6) writeonly buffer Depths { float depths[]; };  // mm, HIDDEN or BROKEN
-layout(std430, binding = 7) writeonly buffer Boxes { uvec4 boxes[]; };    // tiles, see main
 
 uniform int num_gaussians;
 uniform mat4 view;     // world to camera
 uniform vec4 lens;     // focal x, y; centre x, y (px)
 uniform vec2 size;     // px
-uniform vec2 tile;     // px
 uniform float near_mm;
 
 const float HIDDEN = 3.0e38;  // depth of a splat outside the picture
@@ -22,22 +21,6 @@ const float BROKEN = 3.2e38;  // and of one that no picture can show
 const float LOW_PASS = 0.3;
 const float MAX_ALPHA = 0.999;
 const float HALF_LOG2_E = 0.72134752;
-
-const float SLACK = 0.02;  // px
-const vec2 MOST = vec2(15.0, 8.0);  // tiles across and down of a box with rows
-
-// The tiles that an ellipse reaches in a row of tiles, whose middle is dy from its centre.
-vec2 reach(Splat s, float half_height, float dy) {
-    vec2 ends = dy + vec2(-0.5, 0.5) * (tile.y - 1.0) + vec2(-SLACK, SLACK);
-    float widest = s.q * half_height * inversesqrt(s.q * s.q + s.r * s.r);  // where it is leftmost
-    vec2 at = clamp(vec2(widest, -widest), max(ends.x, -half_height), min(ends.y, half_height));
-    vec2 v = s.r * at;
-    vec2 arm = sqrt(max(s.log2_opacity + FAINTEST - v * v, 0.0)) * vec2(-1.0, 1.0) - s.q * at;
-    vec2 x = s.xy.x + arm / s.p + vec2(-SLACK, SLACK);
-    vec2 pixels = vec2(ceil(x.x - 0.5), floor(x.y + 0.5));
-    bool hit = ends.x <= half_height && ends.y >= -half_height && pixels.x < pixels.y;
-    return hit ? vec2(floor(pixels.x / tile.x), ceil(pixels.y / tile.x)) : vec2(0.0);
-}
 
 mat3 rotation(vec4 wxyz) {
     vec4 q = wxyz / length(wxyz);
@@ -88,25 +71,7 @@ void main() {
     splats[i] = pack(splat);
 
     vec2 half_size = sqrt((splat.log2_opacity + FAINTEST) / HALF_LOG2_E * vec2(xx, yy));
-    vec2 low = clamp(floor((xy - half_size) / tile), vec2(0.0), ceil(size / tile));
-    vec2 high = clamp(ceil((xy + half_size) / tile), vec2(0.0), ceil(size / tile));
-    visible = visible && all(greaterThan(high, low));  // false for NaN
-
+    // false for NaN
+    visible = visible && all(lessThan(xy - half_size, size)) && all(greaterThan(xy + half_size, vec2(0.0)));
     depths[i] = visible ? point.z : sound ? HIDDEN : BROKEN;
-
-    // Two corners, and for each row of the box a byte: tiles left out << 4 | tiles reached.
-    uvec2 rows = uvec2(0xffffffffu);
-    if (all(lessThanEqual(high - low, MOST))) {
-        rows = uvec2(0u);
-        float half_height = half_size.y;
-        for (int row = 0; row < int(high.y - low.y); row++) {
-            float y = low.y + float(row);
-            vec2 columns = clamp(reach(splat, half_height, (y + 0.5) * tile.y - xy.y), low.x, high.x);
-            uint reached = uint(max(columns.y - columns.x, 0.0));
-            uint bits = reached > 0u ? uint(columns.x - low.x) << 4 | reached : 0u;
-            rows[row >> 2] |= bits << (8 * (row & 3));
-        }
-    }
-    boxes[i] = uvec4(
-        uint(low.x) | uint(low.y) << 16, uint(high.x) | uint(high.y) << 16, rows);
 }

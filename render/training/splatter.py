@@ -116,7 +116,7 @@ def _tiles(
     shown &= (high > low).all(1) & (flat.depth > camera.near_mm)
     order = np.argsort(flat.depth, kind="stable")
     order = order[shown[order]]
-    boxes = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low[order], high[order])], 1)
+    boxes = np.stack([corner[:, 0] | corner[:, 1] << 16 for corner in (low, high)], 1)
     pairs = deal(boxes.astype(np.uint32), order.astype(np.uint32), size)
     return pairs.splats.astype(np.intp), pairs.starts, size
 

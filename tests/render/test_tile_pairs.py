@@ -24,9 +24,10 @@ def test_boxes_reach_every_tile_of_theirs_nearest_first():
     assert lists(pairs) == [[1], [0, 1], [0], [], [0], [0, 2]]
 
 
-def test_lists_hold_the_names_of_splats():
-    pairs = deal(boxes_of([(0, 0, 2, 1), (1, 0, 2, 1)]), np.array([7, 3], np.uint32), (2, 1))
-    assert lists(pairs) == [[7], [7, 3]]
+def test_lists_hold_the_numbers_of_those_in_the_order():
+    boxes = boxes_of([(0, 0, 2, 1), (0, 0, 1, 1), (1, 0, 2, 1)])
+    pairs = deal(boxes, np.array([2, 0], np.uint32), (2, 1))
+    assert lists(pairs) == [[0], [2, 0]]
 
 
 def test_rows_leave_out_what_the_ellipse_misses():
