@@ -1,5 +1,7 @@
 """A crowd of bad clients: `python -m app.bench_crowd ADDRESS NUM SECONDS`, for `bench web`.
 
+It comes for SECONDS whenever a line is read.
+
 A quarter connects and leaves, a quarter never reads, a quarter floods, a quarter sends garbage.
 They run at the lowest priority, because true strangers do not take this machine's CPU.
 """
@@ -79,4 +81,6 @@ class Crowd:
 
 if __name__ == "__main__":
     os.nice(19)
-    asyncio.run(Crowd(sys.argv[1], int(sys.argv[2]), float(sys.argv[3])).run())
+    crowd = Crowd(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
+    for _ in sys.stdin:
+        asyncio.run(crowd.run())

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.bars import at_least, at_most
 from app.sinks.sink import FrameResult, RunInfo
@@ -18,9 +19,11 @@ from encoder.driver import DrivenFrame
 from sensors.types import FPS, NS, Clock, SensorFrame
 
 if TYPE_CHECKING:
+    from app.stages import Stages
     from app.web.sink import WebSink
 
 CROWD, CROWD_S = 50, 60.0  # clients, s
+SPELL_S = 5  # of the crowd, and without it
 PAGE_S, PAGE_START_S = 10.0, 15.0  # measured, and allowed for a browser to start
 SCHEMES = ("vmc", "vrchat", "livelink")
 
@@ -144,50 +147,83 @@ def _show(clock: Clock, driven: list[DrivenFrame], avatar: str) -> dict[str, Any
 
 
 def _stand(clock: Clock, avatar: str) -> dict[str, Any]:
-    """The tick beside a quiet server, and beside one that a crowd besets."""
-    quiet, beset = _drive(clock, avatar, 0), _drive(clock, avatar, CROWD)
+    """The tick beside a server that a crowd besets, and beside the same one left alone, in turn.
+
+    A machine's speed changes within minutes, so the two take turns of SPELL_S. The first second of
+    each turn counts for neither: clients come and go then.
+    """
+    watch = _drive(clock, avatar)
+    second = watch.frames // FPS
+    counts, beset = second % SPELL_S > 0, second // SPELL_S % 2 == 1
+    quiet_ms, crowd_ms = (watch.ticks_ms[counts & side] for side in (~beset, beset))
+    quiet_p99, crowd_p99 = (float(np.percentile(ticks, 99)) for ticks in (quiet_ms, crowd_ms))
+    seconds = np.arange(len(watch.cpu_s) - 1)
+    shares, besets = np.diff(watch.cpu_s), seconds // SPELL_S % 2 == 1
+    half = len(watch.memory_mb) // 2
+    growth = max(watch.memory_mb[half:]) - max(watch.memory_mb[:half])
     return {
-        "quiet_tick_p99_ms": quiet["p99_ms"],
-        "crowd_tick_p99_ms": beset["p99_ms"],
-        "crowd_tick_p99_change": round(beset["p99_ms"] / quiet["p99_ms"] - 1, 3),
-        "crowd_memory_growth_mb": beset["growth_mb"],
-        "quiet_server_cpu_share": quiet["cpu_share"],
-        "crowd_server_cpu_share": beset["cpu_share"],
-        "crowd_refused": beset["refused"],
+        "quiet_tick_p50_ms": round(float(np.median(quiet_ms)), 3),
+        "crowd_tick_p50_ms": round(float(np.median(crowd_ms)), 3),
+        "quiet_tick_p99_ms": round(quiet_p99, 3),
+        "crowd_tick_p99_ms": round(crowd_p99, 3),
+        "crowd_tick_p99_change": round(crowd_p99 / quiet_p99 - 1, 3),
+        "crowd_memory_growth_mb": round(growth, 2),
+        "quiet_server_cpu_share": round(float(shares[~besets & (seconds > 0)].mean()), 3),
+        "crowd_server_cpu_share": round(float(shares[besets].mean()), 3),
+        "crowd_refused": watch.refused,
     }
 
 
 class Watch:
-    """A sink that lets the crowd loose with the first tick and weighs the server every second."""
+    """A sink that lets the crowd loose every other spell, and notes ticks and the server's cost."""
 
-    def __init__(self, server: "WebSink", num: int) -> None:
-        self._server, self._num = server, num
-        self._crowd: subprocess.Popen[bytes] | None = None
-        self.memory_mb: list[float] = []
-        self.cpu_share = 0.0  # of one core, that the server took
+    def __init__(self, server: "WebSink", stages: "Stages") -> None:
+        self._server, self._stages = server, stages
+        self._crowd: subprocess.Popen[str] | None = None
+        self._frames: list[int] = []  # the newest of each tick
+        self._ticks_ms: list[float] = []  # of the tick before each
+        self.memory_mb: list[float] = []  # of the server, every second
+        self.cpu_s: list[float] = []
+        self.refused = 0
+
+    @property
+    def frames(self) -> NDArray[np.int64]:  # [T] the newest frame of each tick
+        return np.array(self._frames[:-1])
+
+    @property
+    def ticks_ms(self) -> NDArray[np.float64]:  # [T]
+        return np.array(self._ticks_ms[1:])
 
     def on_start(self, info: RunInfo) -> None:
         address = self._server.link.status["addresses"][0]
-        words = [sys.executable, "-m", "app.bench_crowd", address, str(self._num), str(CROWD_S)]
-        self._crowd = subprocess.Popen(words) if self._num else None
+        words = [sys.executable, "-m", "app.bench_crowd", address, str(CROWD), str(SPELL_S)]
+        self._crowd = subprocess.Popen(words, stdin=subprocess.PIPE, text=True)
 
     def on_frame(self, result: FrameResult) -> None:
         import psutil
 
-        if result.driven.index % FPS == 0:
+        index = result.driven.index
+        if result.picture is not None:
+            self._frames.append(index)
+            self._ticks_ms.append(self._stages.latest_ms()[-1])  # this one has not ended
+        if index % FPS == 0:
             process = psutil.Process(self._server.pid)
             self.memory_mb.append(process.memory_info().rss / 2**20)
             used = process.cpu_times()
-            self.cpu_share = (used.user + used.system) * FPS / (result.driven.index + 1)
+            self.cpu_s.append(used.user + used.system)
+        if index % (2 * SPELL_S * FPS) == SPELL_S * FPS and self._crowd and self._crowd.stdin:
+            self._crowd.stdin.write("now\n")
+            self._crowd.stdin.flush()
 
     def close(self) -> None:
+        self.refused = self._server.report()["page"]["refused"]
         if self._crowd:
             self._crowd.terminate()
             self._crowd.wait()
 
 
-def _drive(clock: Clock, avatar: str, crowd: int) -> dict[str, Any]:
-    """The whole tick on silence, with pictures, for a minute."""
+def _drive(clock: Clock, avatar: str) -> Watch:
+    """The whole tick on silence, with pictures, for as long without the crowd as with it."""
     from app.loop import Head, drive
     from app.stages import Stages
     from app.web.info import ServerInfo
@@ -198,18 +234,11 @@ def _drive(clock: Clock, avatar: str, crowd: int) -> dict[str, Any]:
     from render.renderer import create_renderer
     from sensors.live import LiveSource
 
-    server = WebSink(ServerInfo("127.0.0.1", 0, avatar), clock)
-    watch, stages = Watch(server, crowd), Stages()
+    server, stages = WebSink(ServerInfo("127.0.0.1", 0, avatar), clock), Stages()
+    watch = Watch(server, stages)
     renderer, camera = create_renderer(), cameras.portrait(512, 512)
     head = Head(Decoder.load(), identity.load(avatar), renderer, camera)
-    source, info = LiveSource(None, [], clock, seconds=CROWD_S), RunInfo(512, 512, None)
+    source, info = LiveSource(None, [], clock, seconds=2 * CROWD_S), RunInfo(512, 512, None)
     drive(source, load_driver(), head, [server, watch], clock, stages, info, 0, True)
     renderer.close()
-    half = len(watch.memory_mb) // 2
-    growth = np.max(watch.memory_mb[half:]) - np.max(watch.memory_mb[:half])
-    return {
-        "p99_ms": stages.summary()["tick"]["p99_ms"],
-        "growth_mb": round(float(growth), 2),
-        "cpu_share": round(watch.cpu_share, 3),  # its start, about 1 s of CPU, included
-        "refused": server.report()["page"]["refused"],
-    }
+    return watch
