@@ -149,8 +149,8 @@ def held_out(judge: "Judge", command: EvalPrior) -> tuple[dict[str, float], list
 def contact(judge: "Judge", seed: int) -> dict[str, float]:
     """Do lids and lips shut, and do lips cross? On new people, decoded."""
     from render.prior_metrics import LipCrossing
-    from render.sheet import AHEAD
     from render.training import expressions, people
+    from render.types import AHEAD
 
     face, decoder, names = judge.assembly.face, judge.decoder, judge.assembly.names
     still = expressions.real_take(None, face.rig_names, held_out=True)
@@ -182,8 +182,8 @@ def contact(judge: "Judge", seed: int) -> dict[str, float]:
 def universality(judge: "Judge", seed: int) -> dict[str, float]:
     """The same codes on several avatars: do their faces say the same?"""
     from render import arkit, identity, prior_metrics
-    from render.sheet import AHEAD
     from render.training import expressions
+    from render.types import AHEAD
 
     decoder = judge.decoder
     rng = np.random.default_rng((seed, 5))
@@ -206,8 +206,8 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
 def scan(judge: "Judge") -> dict[str, float]:
     """The LPS scan, never trained on, becomes an avatar."""
     from render import cameras, prior_metrics
-    from render.sheet import AHEAD
     from render.training import face_data, people
+    from render.types import AHEAD
 
     face = judge.assembly.face
     z = np.load(face.folder / "ict_face.npz", allow_pickle=False)
@@ -239,7 +239,7 @@ def cost(judge: "Judge") -> dict[str, float]:
     """CPU time of a decode, median, and the size of the weights."""
     from render import identity
     from render.judge import weights_mb
-    from render.sheet import AHEAD
+    from render.types import AHEAD
 
     decoder, who = judge.decoder, identity.load(identity.names()[0])
     rng = np.random.default_rng(0)

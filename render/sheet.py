@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from render.decoder import Decoder
 from render.identity import Identity
-from render.types import Gaussians
+from render.types import AHEAD, Gaussians
 
 Picture = NDArray[np.uint8]
 Shoot = Callable[[Gaussians, float], Picture]  # a cloud from a yaw of the camera, in degrees
@@ -20,7 +20,6 @@ def gaze(yaw_deg: float, pitch_deg: float) -> NDArray[np.float32]:  # [2, 3] uni
     return np.tile(np.array(one, np.float32), (2, 1))
 
 
-AHEAD = gaze(0, 0)
 SMILE = {
     **{f"mouthSmile_{s}": 0.85 for s in "LR"},
     **{f"cheekSquint_{s}": 0.6 for s in "LR"},

@@ -11,14 +11,15 @@ from app.sinks.pictures import PictureSink
 from app.sinks.sink import FrameResult, RunInfo
 from app.sinks.virtual_camera import VirtualCameraSink
 from encoder.driver import DrivenFrame
+from render.types import AHEAD
 from sensors.types import SAMPLES_PER_FRAME, InputError, SensorFrame
 
 
 def result(picture: np.ndarray | None, index: int = 0) -> FrameResult:
     sound, ages = np.zeros(SAMPLES_PER_FRAME, np.float32), np.full(2, -1, np.int64)
     frame = SensorFrame(index, 0, sound, None, np.zeros(2, bool), ages, False)
-    code, gaze = np.zeros(256, np.float32), np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-    return FrameResult(frame, DrivenFrame(index, 0, code, gaze), picture)
+    code = np.zeros(256, np.float32)
+    return FrameResult(frame, DrivenFrame(index, 0, code, AHEAD), picture)
 
 
 def test_names_and_colours() -> None:

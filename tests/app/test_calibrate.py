@@ -12,6 +12,7 @@ from app.calibrate import Calibrate, collect
 from app.calibration import in_session, of_session, of_user, profile_path
 from encoder.eye_calibration import ROUTINE, EyeCalibration
 from encoder.eye_encoder import EyeReading
+from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.types import AudioPacket, EyePacket, InputError, Packet, SourceInfo
 
@@ -43,9 +44,8 @@ class Pictures:
 def grey(eyes: np.ndarray) -> EyeReading:
     """An encoder that reads the lid off the grey; the right eye is never seen."""
     lids = eyes[:, 0, 0].astype(np.float32) / 250
-    ahead = np.tile(np.float32([0, 0, 1]), (2, 1))
     return EyeReading(
-        np.zeros((2, 80), np.float32), ahead, lids, np.float32([0.9, 0.1]), ahead, ahead
+        np.zeros((2, 80), np.float32), AHEAD, lids, np.float32([0.9, 0.1]), AHEAD, AHEAD
     )
 
 

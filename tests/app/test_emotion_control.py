@@ -15,6 +15,7 @@ from app.sinks.sink import FrameResult, RunInfo
 from app.stages import Stages
 from app.tape import Tape
 from encoder.driver import DrivenFrame
+from render.types import AHEAD
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.recording import Recording, RecordingWriter
@@ -155,8 +156,7 @@ class Echo:
 
     def step(self, frame, state, timer):  # noqa: ANN001, ANN201
         self.felt.append(frame.emotion)
-        gaze = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-        return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), gaze), state
+        return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), AHEAD), state
 
 
 class Nothing:

@@ -17,7 +17,7 @@ from encoder.driver import DrivenFrame
 from render import gltf, identity, ply
 from render.decoder import Decoder
 from render.gltf import EXTENSION, SH_0
-from render.types import Gaussians
+from render.types import AHEAD, Gaussians
 from sensors import session
 from sensors.types import FPS, NS, InputError, SensorFrame
 
@@ -43,13 +43,12 @@ def unit(quats: np.ndarray) -> np.ndarray:
 
 def results(count: int) -> list[FrameResult]:
     made: list[FrameResult] = []
-    ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
     for index in range(count):
         t_ns = (index + 1) * NS // FPS
         silence, ages = np.zeros(1600, np.float32), np.full(2, -1, np.int64)
         frame = SensorFrame(index, t_ns, silence, None, np.zeros(2, bool), ages, False)
         code = np.full(256, 0.02 * index, np.float32)
-        made.append(FrameResult(frame, DrivenFrame(index, t_ns, code, ahead), None))
+        made.append(FrameResult(frame, DrivenFrame(index, t_ns, code, AHEAD), None))
     return made
 
 

@@ -7,6 +7,7 @@ from app.loop import drive
 from app.sinks.sink import FrameResult, RunInfo
 from app.stages import Stages
 from encoder.driver import DrivenFrame
+from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.types import FPS, NS, SAMPLES_PER_FRAME, AudioPacket, SourceInfo
 
@@ -54,8 +55,7 @@ class Counting:
 
     def step(self, frame, state, timer):  # noqa: ANN001, ANN201
         code = np.full(256, state, np.float32)
-        gaze = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-        return DrivenFrame(frame.index, frame.t_ns, code, gaze), state + 1
+        return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
 
 
 class Keep:

@@ -7,6 +7,7 @@ from app.loop import drive
 from app.sinks.sink import FrameResult, RunInfo
 from app.stages import Stages
 from encoder.driver import DrivenFrame
+from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.types import FPS, NS, SAMPLES_PER_FRAME, AudioPacket, Packet, SourceInfo
 
@@ -47,8 +48,7 @@ class Still:
         return 0
 
     def step(self, frame, state, timer):  # noqa: ANN001, ANN201
-        gaze = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-        return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), gaze), state
+        return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), AHEAD), state
 
 
 class Ages:

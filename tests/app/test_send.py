@@ -24,6 +24,7 @@ from app.sinks.vmc import VmcEncoder, unity_turn
 from app.sinks.vrchat import EXPRESSIONS, VRChatEncoder
 from encoder.driver import DrivenFrame
 from render.decoder import Decoder
+from render.types import AHEAD
 from sensors.types import FPS, NS, InputError, SensorFrame
 
 TICKS = 50
@@ -162,8 +163,7 @@ def test_an_open_lid_is_three_quarters_and_a_shut_one_nothing(decoder: Decoder) 
     for blink in (0.0, 1.0):
         rig = np.zeros(53, np.float32)
         rig[[decoder.rig_names.index(f"eyeBlink_{s}") for s in "LR"]] = blink
-        ahead = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
-        face = FaceReader(decoder)(DrivenFrame(0, 0, decoder.encode(rig), ahead))
+        face = FaceReader(decoder)(DrivenFrame(0, 0, decoder.encode(rig), AHEAD))
         with osc_receiver() as (port, heard), socket.socket(type=socket.SOCK_DGRAM) as udp:
             for datagram in VRChatEncoder("FT/v2")(face):
                 udp.sendto(datagram, ("127.0.0.1", port))

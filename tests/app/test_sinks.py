@@ -13,9 +13,8 @@ from app.sinks.video import VideoSink
 from encoder.driver import DrivenFrame
 from render import identity
 from render.decoder import Decoder
+from render.types import AHEAD
 from sensors.types import FPS, NS, SAMPLES_PER_FRAME, InputError, SensorFrame
-
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
 
 def result(index: int, code: np.ndarray, picture: np.ndarray | None = None) -> FrameResult:

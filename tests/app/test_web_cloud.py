@@ -6,7 +6,7 @@ from web_client import draw, psnr
 from app.web.cloud import CloudReader, Ranges, base_message, pack, tick_message
 from render.decoder import Decoder
 from render.identity import Identity
-from render.types import Gaussians, Renderer
+from render.types import AHEAD, Gaussians, Renderer
 
 
 def test_a_cloud_survives_the_network(decoder: Decoder, who: Identity, renderer: Renderer) -> None:
@@ -31,9 +31,6 @@ def test_a_cloud_survives_the_network(decoder: Decoder, who: Identity, renderer:
     picture = draw(renderer, now)
     assert psnr(draw(renderer, got), picture) > 50
     assert psnr(draw(renderer, rest), picture) < 40  # the jaw did move
-
-
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
 
 def test_every_turn_survives_the_network() -> None:

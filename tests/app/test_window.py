@@ -18,12 +18,12 @@ from app.window.layout import SIZE, arrange, toolbar_button
 from app.window.shared import WindowInfo
 from app.window.sink import WindowSink
 from encoder.driver import DrivenFrame
+from render.types import AHEAD
 from sensors.clock import MonotonicClock
 from sensors.types import FPS, NS, InputError, SensorFrame
 
 ROOT = Path(__file__).parents[2]
 BUTTONS = ("mute", "record", "recentre", "picture", "mirror", "full_screen", "panels", "help")
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
 
 def result(index: int) -> FrameResult:

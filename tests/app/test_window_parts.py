@@ -19,10 +19,9 @@ from encoder.driver import DrivenFrame
 from render import identity
 from render.decoder import Decoder
 from render.identity import Identity
+from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.types import NS, SAMPLES_PER_FRAME, AudioPacket, EyePacket, InputError, SourceInfo
-
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
 
 
 @pytest.mark.parametrize("panels", [True, False])

@@ -10,8 +10,7 @@ import pytest
 from render import identity, weights_file
 from render.decoder import EXPRESSION_DIM, Decoder, turn
 from render.errors import InputError
-
-AHEAD = np.tile(np.array([0, 0, 1], np.float32), (2, 1))
+from render.types import AHEAD
 
 
 @pytest.fixture(scope="module")

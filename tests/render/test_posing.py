@@ -6,7 +6,8 @@ import pytest
 from render import identity, posing
 from render.decoder import Decoder
 from render.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
-from render.sheet import AHEAD, gaze
+from render.sheet import gaze
+from render.types import AHEAD
 
 COLUMNS = 55  # 53 shapes of the rig and 2 of the tongue
 
