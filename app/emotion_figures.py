@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from app.eval_emotion import FINE_TUNED, RULES, SHIPPED
+
 if TYPE_CHECKING:
     from app.eval_emotion import EvalEmotion
     from encoder.denoiser import Denoiser
@@ -33,13 +35,18 @@ class Seen:
     tables: dict[str, Floats]
 
 
+class Judged(NamedTuple):
+    figures: Figures
+    seen: Seen
+
+
 class Judgement:
     """All models of one evaluation on the same takes."""
 
     def __init__(self, command: "EvalEmotion") -> None:
         import torch
 
-        from app.eval_emotion import FINE_TUNED, SHIPPED
+        from app.capture_face import lips
         from app.face_mesh import face_mesh
         from encoder import inference
         from render.decoder import Decoder
@@ -48,6 +55,7 @@ class Judgement:
         self.command, self.missing = command, list[str]()
         self.weights = command.weights or inference.WEIGHTS
         self.mesh, self.decoder = face_mesh(command.avatar), Decoder.load()
+        self.lips = lips()
         self.encoder, _, _ = inference.load_models(self.weights)
         self.regions = self._regions()
         self.models: dict[str, Model] = {}
@@ -79,10 +87,9 @@ class Judgement:
         return {"face": moved(both)} | {name: moved(v) for name, v in halves.items()}
 
     def sets(self) -> "dict[str, list[Told]]":
-        from app.capture_face import lips
         from encoder import emotion_evaluation as told
 
-        geometry, command = lips(), self.command
+        geometry, command = self.lips, self.command
         found = {
             "acted voice": told.acted(command.data, geometry, command.seed),
             "neutral voice": told.neutral(command.data, geometry, command.segments, command.seed),
@@ -91,37 +98,51 @@ class Judgement:
         self.told = found
         return {name: takes for name, takes in found.items() if takes}
 
-    def figures(self, takes: "list[Told]", model: Model) -> tuple[Figures, Seen]:
-        """Each take in its own emotion, or, where the voice is neutral, in all ten."""
+    def figures(self, takes: "list[Told]") -> dict[str, Judged]:
+        """Row by row: each take in its own emotion, or, where the voice is neutral, in all ten."""
+        from encoder import emotion_evaluation as told
         from encoder.capture.emotion import LABELS
-        from encoder.emotion_evaluation import codes, confusion, lip_figures
         from encoder.training.emotion_streams import ACTED_STRENGTH, SWELL
 
         asked = [(t, k) for t in takes for k in range(len(LABELS)) if t.label in (-1, k)]
-        labels = [label for _, label in asked]
-        segments = [take.segment for take, _ in asked]
+        labels, segments = [label for _, label in asked], [take.segment for take, _ in asked]
         audio, gaze = self._inputs(segments)
-        intensity = SWELL * (ACTED_STRENGTH if takes[0].label >= 0 else 1.0)
+        strength = ACTED_STRENGTH if takes[0].label >= 0 else 1.0
         draws = range(self.command.samples)
-        said = [codes(*model, audio, gaze, labels, intensity, s) for s in draws]
-        plain = self.models["zero convolutions"].student
-        calm = [codes(plain, None, audio, gaze, labels, 0.0, s) for s in draws]
+        plain = self.models[SHIPPED].student
+        calm = [told.codes(plain, None, audio, gaze, labels, 0.0, s) for s in draws]
         truths = self.decoder.encode(np.stack([take.rigs for take, _ in asked]))
         own = np.stack([rows[1 + label] for rows, label in zip(truths, labels, strict=True)])
         phones = [segment.phones for segment in segments]
-        figures = lip_figures(said, own, phones, self.mesh)
+        order: dict[int, int] = {}
+        numbers = [order.setdefault(id(segment.clip), len(order)) for segment in segments]
         # the neutral model on the same truth, and on the one that it was trained to show
-        for prefix, truth in (("neutral", own), ("neutral_own", truths[:, 0])):
-            base = lip_figures(calm, truth, phones, self.mesh)
-            figures |= {f"{prefix}_{name}": value for name, value in base.items()}
-        tables = {
-            name: np.mean([confusion(rows, truths[:, 1:], labels, region) for rows in said], 0)
-            for name, region in self.regions.items()
+        base = {
+            prefix: told.lip_figures(calm, truth, phones, self.mesh)
+            for prefix, truth in (("neutral", own), ("neutral_own", truths[:, 0]))
         }
-        for name, table in tables.items():
-            present = table.sum(1) > 0
-            figures[f"accuracy_{name}"] = float(np.diag(table)[present].mean())
-        return figures, Seen(tables)
+
+        def judged(said: list[Floats]) -> Judged:
+            figures, kept = told.lip_figures(said, own, phones, self.mesh)
+            for prefix, (others, closures) in base.items():
+                figures |= {f"{prefix}_{name}": value for name, value in others.items()}
+                figures |= told.closures_lost(kept, closures, numbers, prefix)
+            tables = {
+                name: np.mean([told.confusion(row, truths[:, 1:], labels, r) for row in said], 0)
+                for name, r in self.regions.items()
+            }
+            for name, table in tables.items():
+                present = table.sum(1) > 0
+                figures[f"accuracy_{name}"] = float(np.diag(table)[present].mean())
+            return Judged(figures, Seen(tables))
+
+        result: dict[str, Judged] = {}
+        for name, model in self.models.items():
+            felt = [told.codes(*model, audio, gaze, labels, SWELL * strength, s) for s in draws]
+            result[name] = judged(felt)
+        laid = [told.laid_over(self.decoder.rig(x), labels, strength, self.lips) for x in calm]
+        result[RULES] = judged([self.decoder.encode(x) for x in laid])
+        return result
 
     def _inputs(self, segments: "Sequence[Any]") -> tuple[Any, Any]:
         from encoder import evaluation

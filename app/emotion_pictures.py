@@ -39,7 +39,8 @@ def _portraits(judged: "Judgement") -> tuple[list[str], list[list[np.ndarray]]]:
     sound = sound_of(judged.told["neutral voice"][0])[: 1600 * 150]
     names = ["neutral", *driver.emotions.labels]
     codes = [drive(driver, sound, name, judged.command.seed) for name in names]
-    frames = np.linspace(30, len(codes[0]) - 1, COLUMNS).astype(int)
+    seeing = 30 + np.flatnonzero(judged.mesh.blink(codes[0])[30:] < 0.2)  # a blink hides the eyes
+    frames = seeing[np.linspace(0, len(seeing) - 1, COLUMNS).astype(int)]
     renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=330)
     rows: list[list[np.ndarray]] = []
     for row in codes:

@@ -25,7 +25,11 @@ def emotion_face() -> "EmotionFace":
 
 
 def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) -> None:
-    """Make the streams where there are none, then train. Variants lie in a folder of the data."""
+    """Make the streams where there are none, then train. Variants lie in a folder of the data.
+
+    --start FOLDER extends that folder's student, and goes on from its convolutions where it has
+    some: so those of one student become another's in a third of the steps.
+    """
     from app.capture_face import lips
     from encoder.inference import STUDENTS, WEIGHTS
     from encoder.training import emotion, emotion_streams, streams
@@ -41,6 +45,9 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
     )
     if not streams.are_made(made):
         emotion_streams.run(made, lips())
+    known = start / "emotion"
+    if command.start and command.variant == "none" and known.with_suffix(".json").is_file():
+        settings["start"] = known
     config = emotion.preset(
         command.preset,
         streams=made.output,

@@ -32,7 +32,8 @@ class Train:
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None
-    """Folder with weights of the same shapes to start from; emotion: with the model to extend."""
+    """Folder with weights of the same shapes to start from; emotion: with the student to extend,
+    and convolutions to go on from where it has some."""
     steps: int | None = None
     """Instead of the preset's."""
     face: Path = Path("face")

@@ -45,8 +45,9 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthStretch": 0.45},
         1.12, 1.22, 1.1, 0.9, 0.9,
     ),
-    "surprised": Emotion(  # AU 1 + 2 + 5 + 26
-        {"browInnerUp": 0.75, "browOuterUp": 0.7, "eyeWide": 0.55, "jawOpen": 0.06},
+    "surprised": Emotion(  # AU 1 + 2 + 5 + 26: the jaw drops, which tells it from excited
+        {"browInnerUp": 0.85, "browOuterUp": 0.85, "eyeWide": 0.75, "jawOpen": 0.16,
+         "mouthFunnel": 0.12},
         1.0, 1.25, 1.5, 1.15, 1.15,
     ),
     "disgusted": Emotion(  # AU 9 + 10 + 15
@@ -54,13 +55,14 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthFrown": 0.3},
         0.92, 0.95, 0.9, 1.0, 0.95,
     ),
-    "excited": Emotion(
-        {"browInnerUp": 0.4, "browOuterUp": 0.45, "eyeWide": 0.4, "mouthSmile": 0.45,
-         "cheekSquint": 0.25},
+    "excited": Emotion(  # the broadest smile, under raised brows
+        {"browInnerUp": 0.35, "browOuterUp": 0.6, "eyeWide": 0.5, "mouthSmile": 0.75,
+         "cheekSquint": 0.5, "mouthUpperUp": 0.15},
         1.18, 1.25, 1.6, 1.25, 1.25,
     ),
-    "bored": Emotion(
-        {"eyeBlink": 0.32, "browInnerUp": 0.1, "mouthFrown": 0.15, "mouthShrugLower": 0.25},
+    "bored": Emotion(  # half-shut lids, a mouth drawn aside and down
+        {"eyeBlink": 0.42, "browDown": 0.1, "browInnerUp": 0.1, "mouthFrown": 0.25,
+         "mouthShrugLower": 0.35, "mouthLeft": 0.12},
         0.8, 0.92, 0.45, 0.75, 0.65,
     ),
     "pained": Emotion(  # AU 4 + 6 + 7 + 9 + 20
@@ -93,9 +95,22 @@ def layer(
     amount = strength * wave * (0.85 + 0.15 * level)
     own = rng.uniform(0.75, 1.25, len(RIG_NAMES))
     for channel, weight in emotion.channels.items():
-        sides = [channel] if channel in RIG_INDEX else [f"{channel}_L", f"{channel}_R"]
-        for side in sides:
-            curves[:, RIG_INDEX[side]] += (weight * own[RIG_INDEX[sides[0]]] * amount).astype(
-                np.float32
-            )
+        sides = _sides(channel)
+        shown = (weight * own[sides[0]] * amount).astype(np.float32)
+        curves[:, sides] += shown[:, None]
     return curves, 1 + strength * (emotion.mouth - 1)
+
+
+def rigs() -> np.ndarray:
+    """[labels, 53]: the channels of each of LABELS at full strength, over a face at rest."""
+    result = np.zeros((len(LABELS), len(RIG_NAMES)), np.float32)
+    for row, name in zip(result, LABELS, strict=True):
+        for channel, weight in EMOTIONS[name].channels.items():
+            row[_sides(channel)] = weight
+    return result
+
+
+def _sides(channel: str) -> list[int]:
+    """The rig's column of a channel, or those of its left and right side."""
+    names = [channel] if channel in RIG_INDEX else [f"{channel}_L", f"{channel}_R"]
+    return [RIG_INDEX[name] for name in names]

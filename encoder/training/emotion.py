@@ -1,9 +1,9 @@
 """Stage "emotion": zero convolutions between the blocks of the frozen student (paper section 5.1).
 
 L_face asks the meshes to look like emotional truth; L_lip asks the lips to go on moving, opening
-and shutting as the neutral model moves them, for the same sound and noise. Trained on the one-step
-student itself, so that live driving stays one step. Also from here: direct fine-tuning, the paper's
-ablation, in which every weight learns and nothing but L_face is asked for.
+and shutting as the neutral model moves them, for the same sound and noise, in the emotion's style.
+Trained on the one-step student itself, so that live driving stays one step. Also from here: direct
+fine-tuning, the paper's ablation, in which every weight learns and nothing but L_face is asked for.
 """
 
 from collections.abc import Callable
@@ -15,16 +15,18 @@ import torch
 from torch import Tensor, nn
 
 from encoder import checkpoint
-from encoder.capture.emotion import LABELS
+from encoder.capture.emotion import EMOTIONS, LABELS, rigs
 from encoder.denoiser import Denoiser
 from encoder.training import loop
 from encoder.training.diffusion import fold_gaze, load_denoiser
-from encoder.training.emotion_streams import EmotionStreams
+from encoder.training.emotion_streams import SWELL, EmotionStreams
 from encoder.training.geometry import Face, velocity_loss
 from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+from sensors.types import InputError
 
 NEAR_MM = 2.0  # a gap of the inner lips; a smaller one is about to be a closure
 SHUT_WEIGHT = 6.0  # closures are rare, and a hair's breadth undoes them
+CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
     "a neutral one"
@@ -46,11 +48,12 @@ class EmotionConfig:
     student: Path  # the model to extend, without suffix
     output: Path  # where "emotion" goes (and "student", if it was fine-tuned): a folder
     run: loop.Run
+    start: Path | None = None  # convolutions to start from, without suffix; None: zero
     fine_tune: bool = False  # the ablation: every weight of the student learns, without L_lip
     steps: int = 600
     batch: int = 16
     frames: int = 100
-    rate: float = 1e-2
+    rate: float = CONVOLUTION_RATE
     lip_weight: float = 1.0  # of L_lip against L_face, both in mm^2; 0: an ablation
 
 
@@ -71,18 +74,37 @@ def face_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
     return ((predicted - truth).square().sum(-1) * weights.to(predicted)).mean()
 
 
-def lip_loss(codes: Tensor, neutral: Tensor, face: EmotionFace) -> Tensor:
-    """L_lip: codes [B, T, 256] of both models -> mm^2.
+@dataclass(frozen=True)
+class LipStyle:
+    """What each emotion does to lips that speak, as the rules have it."""
+
+    layer: Tensor  # [labels, 256] code that is added
+    size: Tensor  # [labels] by how much more the mouth moves at strength 1
+
+    @staticmethod
+    def of(face: Face) -> "LipStyle":
+        size = torch.tensor([EMOTIONS[name].mouth - 1 for name in LABELS])
+        return LipStyle(torch.from_numpy(face.rig_to_code(rigs())), size)
+
+    def lay_over(self, neutral: Tensor, mixture: Tensor) -> Tensor:
+        """Codes [B, T, 256], mixture [B, labels] -> codes of the same speech in the emotion."""
+        size = 1 + (mixture / SWELL) @ self.size.to(mixture)
+        return size[:, None, None] * neutral + (mixture @ self.layer.to(mixture))[:, None]
+
+
+def lip_loss(codes: Tensor, neutral: Tensor, styled: Tensor, face: EmotionFace) -> Tensor:
+    """L_lip: codes [B, T, 256] -> mm^2, against the neutral model's, plain and in the style.
 
     The gaps between the inner lips, most of all where they are shut, and the lips' motion from
-    frame to frame. Where the lips are is left to L_face, else there would be no smile.
+    frame to frame. Shut lips stay shut, as in the rules: only open ones take the emotion's style.
+    Where the lips are is left to L_face, else there would be no smile.
     """
     gaps = face.gaps(neutral)
-    shut = 1 - gaps[..., 1].mean(-1).abs() / NEAR_MM  # 1: the lips touch
-    weight = 1 + SHUT_WEIGHT * shut.clamp(min=0)
-    gap = ((face.gaps(codes) - gaps).square().sum(-1).mean(-1) * weight).mean()
-    lips = [face.lips.vertices(x) for x in (codes, neutral)]
-    return gap + velocity_loss(lips[0], lips[1], face.lips.weights)
+    shut = (1 - gaps[..., 1].mean(-1).abs() / NEAR_MM).clamp(min=0)  # 1: the lips touch
+    wanted = torch.lerp(face.gaps(styled), gaps, shut[..., None, None])
+    gap = (face.gaps(codes) - wanted).square().sum(-1).mean(-1) * (1 + SHUT_WEIGHT * shut)
+    lips = [face.lips.vertices(x) for x in (codes, styled)]
+    return gap.mean() + velocity_loss(lips[0], lips[1], face.lips.weights)
 
 
 def losses(
@@ -103,9 +125,24 @@ def losses(
     if lip_weight:
         with torch.no_grad():
             neutral = frozen.unstandardise(frozen(noise, tau, audio, gaze))
-        result["lip"] = lip_loss(z, neutral, face)
+            styled = LipStyle.of(face.whole).lay_over(neutral, mixture)
+        result["lip"] = lip_loss(z, neutral, styled, face)
         total = total + lip_weight * result["lip"]
     return result | {"total": total}
+
+
+def load_zero_convs(path: Path, config: ZeroConvConfig) -> ZeroConvs:
+    """Those of a checkpoint, whatever student they extended; InputError if their shapes differ."""
+    tensors, card = checkpoint.load(path, "emotion")
+    found = checkpoint.config_from(ZeroConvConfig, card["config"])
+    if found != config:
+        raise InputError(
+            f"--start {path}: expected convolutions for {config}, got {found}; "
+            "take the file away to start from zero"
+        )
+    zero = ZeroConvs(config)
+    zero.load_state_dict({name: tensor.float() for name, tensor in tensors.items()})
+    return zero
 
 
 def run(config: EmotionConfig, face: EmotionFace) -> dict[str, float]:
@@ -116,10 +153,15 @@ def run(config: EmotionConfig, face: EmotionFace) -> dict[str, float]:
     student, _ = load_denoiser(config.student, "student")
     for model in (frozen, student):
         fold_gaze(model, inverse=True).to(config.run.device).requires_grad_(False)
-    zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS)).to(config.run.device)
+    zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS))
+    if config.start:
+        zero = load_zero_convs(config.start, zero.config)
+    zero.to(config.run.device)
     modules: dict[str, nn.Module] = {"zero": zero}
     if config.fine_tune:
         modules["student"] = student.requires_grad_(True)
+        # Adam takes steps of one size: on longer embeddings the convolutions learn as fast as alone
+        zero.embeddings *= CONVOLUTION_RATE / config.rate
     lip_weight = 0.0 if config.fine_tune else config.lip_weight
 
     def step_losses(step: int, rng: Any) -> dict[str, Tensor]:

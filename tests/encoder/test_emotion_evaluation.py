@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from test_emotion_training import lip_geometry
 
 from encoder import emotion_evaluation as judging
 from encoder.capture import dataset
-from encoder.capture.channels import RIG_INDEX, RIG_NAMES
+from encoder.capture.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
 from encoder.capture.emotion import EMOTIONS, LABELS
 from encoder.capture.motion import Style
 from encoder.capture.phones import PHONE_INDEX, Phone, pack_phones
@@ -56,7 +57,7 @@ def test_held_out_sets(tmp_path: Path) -> None:
     acted = judging.acted(tmp_path, None, 0)  # type: ignore[arg-type]
     assert [LABELS[told.label] for told in acted] == ["sad", "sad", "happy", "happy"]
     neutral = judging.neutral(tmp_path, None, 5, 0)  # type: ignore[arg-type]
-    assert [told.label for told in neutral] == [-1]
+    assert [told.label for told in neutral] == [-1, -1]
     assert neutral[0].rigs.shape == (1 + len(LABELS), 100, 53)
     assert neutral[0].segment.gaze.shape == (100, 6)
     assert judging.tracked(tmp_path, None, 5, 0) == []  # type: ignore[arg-type]
@@ -101,23 +102,67 @@ def mouth(codes: np.ndarray) -> np.ndarray:
 MESH = FaceMesh(mouth, region, lambda c: c[..., 0], LipMarks((0, 1), (2, 3), np.array([[2, 3]])))
 
 
-def test_lips_are_judged_by_sync_and_closures() -> None:
+def speech() -> tuple[np.ndarray, list[np.ndarray]]:
+    """Codes [1, 100, 256] of lips that open at 3 Hz and shut once, for an m; phones."""
     truth = np.zeros((1, 100, 256), np.float32)
-    truth[..., 0] = 5
+    truth[..., 0] = 5 + 2 * np.sin(np.arange(100) * 2 * np.pi * 3 / 30)
     truth[:, 40:44, 0] = 0
     phones = np.zeros(100, np.int64)
     phones[40:44] = PHONE_INDEX["m"]
-    figures = judging.lip_figures([truth], truth, [phones], MESH)
-    assert figures == {
-        "lip_sync_mm": 0,
-        "opening_r": pytest.approx(1),
-        "closure_recall": 1,
-    }
+    return truth, [phones]
+
+
+def test_lips_are_judged_by_sync_motion_and_closures() -> None:
+    truth, phones = speech()
+    figures, closures = judging.lip_figures([truth], truth, phones, MESH)
+    assert figures["lip_sync_mm"] == figures["lip_motion_error"] == 0
+    assert figures["lip_motion_r"] == pytest.approx(1)
+    assert closures.recall == 1 and closures.of.tolist() == [1]
     ajar, smiling = truth + 2 * (np.arange(256) == 0), truth + 3 * (np.arange(256) == 1)
-    figures = judging.lip_figures([ajar.astype(np.float32)], truth, [phones], MESH)
-    assert figures["lip_sync_mm"] == pytest.approx(2) and figures["closure_recall"] == 0
-    figures = judging.lip_figures([smiling.astype(np.float32)], truth, [phones], MESH)
-    assert figures["lip_sync_mm"] == pytest.approx(3) and figures["closure_recall"] == 1
+    figures, closures = judging.lip_figures([ajar.astype(np.float32)], truth, phones, MESH)
+    assert figures["lip_sync_mm"] == pytest.approx(2) and closures.recall == 0
+    figures, closures = judging.lip_figures([smiling.astype(np.float32)], truth, phones, MESH)
+    assert figures["lip_sync_mm"] == pytest.approx(3) and closures.recall == 1
+
+
+def test_a_style_is_no_error_of_motion_but_stillness_and_lateness_are() -> None:
+    truth, phones = speech()
+    for size in (1.0, 2.0):
+        real = size * truth
+        smiling = (real + 3 * (np.arange(256) == 1)).astype(np.float32)
+        still = np.broadcast_to(real.mean(1, keepdims=True), real.shape)
+        late = np.roll(real, 3, 1)
+        error = {
+            name: judging.lip_figures([said], real, phones, MESH)[0]["lip_motion_error"]
+            for name, said in (("smiling", smiling), ("still", still), ("late", late))
+        }
+        assert error["smiling"] < 1e-4 and error["late"] > 0.8
+        assert error["still"] == pytest.approx(1, abs=1e-4)
+
+
+def test_closures_lost_come_with_their_error() -> None:
+    half = judging.Closures(np.full(8, 2.0), np.tile([2.0, 0.0], 4))
+    fewer = judging.Closures(np.full(8, 2.0), np.tile([1.0, 0.0], 4))
+    takes = [0, 0, 1, 1, 2, 2, 3, 3]
+    lost = judging.closures_lost(fewer, half, takes, "neutral")
+    assert lost["neutral_closures_lost"] == pytest.approx(0.25)
+    assert lost["neutral_closures_lost_error"] == pytest.approx(0)  # every take loses alike
+    assert (lost["closure_recall"], lost["closures"]) == (0.25, 16)
+    uneven = judging.Closures(np.full(8, 2.0), np.array([2.0, 0, 0, 0, 0, 0, 2, 0]))
+    lost = judging.closures_lost(uneven, half, takes, "neutral")
+    assert lost["neutral_closures_lost_error"] == pytest.approx(np.sqrt(4 / 3 * 4 / 256))
+    none = judging.Closures(np.zeros(8), np.zeros(8))
+    assert judging.closures_lost(none, none, takes, "neutral") == {}
+
+
+def test_the_rules_lie_over_the_neutral_lips_in_their_mean_style() -> None:
+    rig = np.zeros((2, 30, len(RIG_NAMES)), np.float32)
+    rig[..., JAW_OPEN] = 0.3
+    happy, bored = LABELS.index("happy"), LABELS.index("bored")
+    laid = judging.laid_over(rig, [happy, bored], 1.0, lip_geometry())
+    smile = RIG_INDEX["mouthSmile_L"]
+    assert 0.4 < laid[0, 5, smile] < 0.6 and np.ptp(laid[0, :, smile]) < 1e-6
+    assert laid[1, 5, JAW_OPEN] == pytest.approx(0.3 * EMOTIONS["bored"].mouth, rel=1e-4)
 
 
 def test_a_jump_is_seen() -> None:

@@ -23,6 +23,7 @@ from encoder.training.diffusion import load_denoiser
 from encoder.training.emotion import EmotionFace
 from encoder.training.geometry import Face
 from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+from sensors.types import InputError
 
 BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
 TO_RIG = torch.tensor(BASIS.T)
@@ -126,15 +127,40 @@ def test_the_losses_ask_for_the_face_and_for_the_neutral_lips() -> None:
     frozen[..., JAW_OPEN] = 0.2
     codes = {name: torch.tensor(x @ BASIS) for name, x in
              (("smiling", smiling), ("opened", opened), ("frozen", frozen))}  # fmt: skip
-    assert (
-        emotion.lip_loss(codes["smiling"], neutral, FACE) < 1e-8
-    )  # a smile is not of its business
-    assert emotion.lip_loss(codes["opened"], neutral, FACE) > 0.9  # 1 mm
-    assert emotion.lip_loss(codes["frozen"], neutral, FACE) > 0.5
+
+    def lip_loss(name: str, styled: torch.Tensor = neutral) -> float:
+        return float(emotion.lip_loss(codes[name], neutral, styled, FACE))
+
+    assert lip_loss("smiling") < 1e-8  # a smile is not of its business
+    assert lip_loss("opened") > 0.9  # 1 mm
+    assert lip_loss("frozen") > 0.5
+    assert lip_loss("opened", codes["opened"]) < 0.6 * lip_loss("opened")  # the style opens them
     whole = FACE.whole
     truth, guess = whole.vertices(codes["smiling"]), whole.vertices(neutral)
     assert emotion.face_loss(truth, truth, whole.weights) == 0
     assert emotion.face_loss(guess, truth, whole.weights) == pytest.approx(25 / 53, rel=1e-3)
+
+
+def test_the_style_of_lips_is_the_rules() -> None:
+    style, rig = emotion.LipStyle.of(FACE.whole), np.zeros((1, 3, 53), np.float32)
+    rig[..., JAW_OPEN] = 0.2
+    mixture = torch.zeros(1, len(LABELS))
+    calm = torch.tensor(rig @ BASIS)
+    assert torch.equal(style.lay_over(calm, mixture), calm)
+    mixture[0, LABELS.index("happy")] = emotion_streams.SWELL  # a take of strength 1
+    shown = style.lay_over(calm, mixture)[0, 0] @ TO_RIG
+    happy = EMOTIONS["happy"]
+    assert float(shown[JAW_OPEN]) == pytest.approx(0.2 * happy.mouth, abs=1e-5)
+    assert float(shown[SMILE]) == pytest.approx(
+        emotion_streams.SWELL * happy.channels["mouthSmile"], abs=1e-5
+    )
+
+
+def test_shut_lips_stay_shut_in_every_style() -> None:
+    shut = torch.zeros(1, 5, 256)
+    gaping = torch.tensor(np.full((1, 5, 1), 0.2, np.float32) * BASIS[JAW_OPEN])
+    assert emotion.lip_loss(shut, shut, gaping, FACE) < 1e-8
+    assert emotion.lip_loss(gaping, shut, gaping, FACE) > 10
 
 
 def test_only_the_zero_convolutions_learn() -> None:
@@ -176,3 +202,17 @@ def test_it_trains_and_resumes(pack: Path, tmp_path: Path, fine_tune: bool) -> N
     )
     same = torch.equal(frozen.blocks[0].up.weight, tuned.blocks[0].up.weight)
     assert same != fine_tune
+    if not fine_tune:  # and goes on from convolutions of any student, at a rate of nothing
+        again = replace(config, start=tmp_path / "emotion", output=tmp_path / "again", rate=0.0)
+        emotion.run(again, FACE)
+        more = load_emotions(tmp_path / "again", card["student_sha256"])
+        assert more is not None and np.array_equal(more.table, felt.table)
+
+
+def test_convolutions_of_another_shape_are_refused(tmp_path: Path) -> None:
+    sizes = ZeroConvConfig(labels=LABELS, layers=2, dim=8)
+    card = {"kind": "emotion", "config": vars(sizes)}
+    checkpoint.save(tmp_path / "emotion", ZeroConvs(sizes).state_dict(), card)
+    assert emotion.load_zero_convs(tmp_path / "emotion", sizes).config == sizes
+    with pytest.raises(InputError, match="--start"):
+        emotion.load_zero_convs(tmp_path / "emotion", replace(sizes, layers=3))
