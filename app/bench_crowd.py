@@ -3,7 +3,7 @@
 It comes for SECONDS whenever a line is read.
 
 A quarter connects and leaves, a quarter never reads, a quarter floods, a quarter sends garbage.
-They run at the lowest priority, because true strangers do not take this machine's CPU.
+They run only where a CPU is idle, because true strangers do not take this machine's.
 """
 
 import asyncio
@@ -80,7 +80,10 @@ class Crowd:
 
 
 if __name__ == "__main__":
-    os.nice(19)
+    if hasattr(os, "SCHED_IDLE"):  # Linux
+        os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    else:
+        os.nice(19)
     crowd = Crowd(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
     for _ in sys.stdin:
         asyncio.run(crowd.run())

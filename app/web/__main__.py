@@ -13,7 +13,7 @@ from app.web.link import STATUS
 from render.errors import InputError as RenderInputError
 from sensors.types import InputError
 
-NICENESS = 5  # the tick goes first
+NICENESS = 10  # the tick goes first
 
 
 def main() -> None:
