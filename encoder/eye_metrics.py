@@ -14,6 +14,7 @@ from encoder.metrics import runs
 
 Values = NDArray[np.floating]
 SHUT = 0.5  # of the usual opening, below which lids blink
+CLOSED = 0.3  # of the usual opening, below which they are closed (PERCLOS: by 70 %)
 NEAR_FRAMES = 2  # a blink and its twin may begin this far apart
 
 
@@ -38,6 +39,12 @@ class Blinks(NamedTuple):
     def recall(self) -> float:
         return self.hits / (self.hits + self.missed) if self.hits + self.missed else 1.0
 
+    @property
+    def on_time(self) -> float:
+        """Share of those that were there whose onset was found, to a frame."""
+        total = self.hits + self.missed
+        return sum(abs(late) <= 1 for late in self.latencies) / total if total else 1.0
+
     def __add__(self, other: object) -> Blinks:
         assert isinstance(other, Blinks)
         return Blinks(*(a + b for a, b in zip(self, other, strict=True)))  # type: ignore[operator]
@@ -55,6 +62,14 @@ def angle_deg(actual: Values, expected: Values) -> NDArray[np.float64]:
 def shut_frames(lids: Values) -> NDArray[np.bool_]:  # [T] -> [T]
     """Frames in which the lid is lower than half of how this eye usually is."""
     return lids < SHUT * np.median(lids)
+
+
+def closing_frames(lids: Values) -> NDArray[np.bool_]:  # [T] -> [T]
+    """Shut frames of those blinks that close the eye: a half blink turns round on its way."""
+    shut, closed = shut_frames(lids), lids < CLOSED * np.median(lids)
+    for start, stop in runs(shut):
+        shut[start:stop] &= closed[start:stop].any()
+    return shut
 
 
 def compare_blinks(found: NDArray[np.bool_], there: NDArray[np.bool_]) -> Blinks:

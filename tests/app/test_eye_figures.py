@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections import namedtuple
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+from app import eye_figures
 from app.eval_eyes import make_bars, walk_figures
 from app.eye_clips import Clip
-from app.eye_figures import blinded, calibrated, encoder_figures, fault_figures
+from app.eye_figures import Figures, blinded, calibrated, encoder_figures, fault_figures
 from app.eye_real import pupil, real_figures, sheet, squared
 from encoder.eye_calibration import ROUTINE
 from encoder.eye_encoder import EyeReading
@@ -85,6 +87,76 @@ def test_blinding_touches_one_eye_of_one_frame() -> None:
     after = blinded(frames[3], (1,))
     assert after.eyes_valid.tolist() == [True, False] and frames[3].eyes_valid.all()
     assert clip().frames(silent=True)[5].audio.max() == 0
+
+
+class FakeMesh:
+    """A head whose codes' first number is its lids' blink, the second what its face shows."""
+
+    def upper_face(self, codes: np.ndarray) -> np.ndarray:
+        return np.repeat(codes[:, 1:2, None], 3, -1)
+
+    lips = upper_face
+
+    def blink(self, codes: np.ndarray) -> np.ndarray:
+        return codes[:, 0]
+
+
+def figures_of_a_late_head(monkeypatch: pytest.MonkeyPatch, late: int, half: bool) -> Figures:
+    """A head that blinks with the clip's eyes, some frames late, and half blinks or not."""
+    seen = clip()
+    seen.lids[40:43] = 0.4  # turns round on its way
+    lids = seen.lids.mean(1) if half else clip().lids.mean(1)
+    codes = np.zeros((FRAMES, 256), np.float32)
+    codes[:, 0] = 1 - np.roll(lids, late)
+    audio = np.full((FRAMES, 256), 2, np.float32)
+    monkeypatch.setattr(
+        eye_figures, "drive", lambda driver, *_: (codes if driver == "eyes" else audio, None)
+    )
+    monkeypatch.setattr(eye_figures, "told", lambda *_: audio / 2)
+    monkeypatch.setattr("encoder.metrics.upper_face_deviation_mm", lambda *_: 0.0)
+
+    def encode(rig: np.ndarray) -> np.ndarray:
+        return np.zeros((len(rig), 256), np.float32)
+
+    return eye_figures.head_figures("eyes", "audio", [seen], FakeMesh(), encode, seed=0)  # type: ignore[arg-type]
+
+
+def test_the_head_blinks_when_the_eyes_do(monkeypatch: pytest.MonkeyPatch) -> None:
+    for late, on_time in ((0, 1.0), (1, 1.0), (-1, 1.0), (2, 0.0)):
+        figures = figures_of_a_late_head(monkeypatch, late, half=True)
+        for sound in ("speech", "silence"):
+            assert figures[f"avatar_closes_on_time_{sound}"] == on_time
+            assert figures[f"avatar_blinks_on_time_{sound}"] == on_time
+    figures = figures_of_a_late_head(monkeypatch, 0, half=False)
+    assert figures["avatar_closes_on_time_silence"] == 1
+    assert figures["avatar_blinks_on_time_silence"] == pytest.approx(2 / 3)
+    assert figures["upper_face_mm_eyes"] == 0 < figures["upper_face_mm_true_gaze"]
+    assert figures["upper_face_mm_synthesised"] == 2 * figures["upper_face_mm_true_gaze"]
+
+
+@pytest.mark.parametrize("jump,late", [(0.0, 0), (0.9, 0), (0.0, 12)])
+def test_lost_cameras_show_as_jumps_and_late_returns(
+    monkeypatch: pytest.MonkeyPatch, jump: float, late: int
+) -> None:
+    still = unit(np.tile(np.float32([[-0.032, 0], [0.032, 0]]), (1, 1, 1)))[0]
+    graph = namedtuple("Driver", "graph")(namedtuple("Graph", "gaze")(clip().gaze[None]))
+
+    def drive(_: object, frames: list, seed: int) -> tuple[np.ndarray, np.ndarray]:
+        codes, gaze = np.zeros((len(frames), 256), np.float32), []
+        codes[:, 1] = 0.1 * (np.arange(len(frames)) % 2)  # its face moves
+        since = 99
+        for t, frame in enumerate(frames):
+            since = since + 1 if frame.eyes_valid.all() else 0
+            codes[t, 1] += jump * (since == 0)
+            gaze.append(unit(still[:, :2] + (jump + 0.01) * (since <= late)))
+        return codes, np.stack(gaze)
+
+    monkeypatch.setattr(eye_figures, "drive", drive)
+    figures = eye_figures.loss_figures(graph, [clip()], FakeMesh(), seed=0)  # type: ignore[arg-type]
+    assert figures["losses_tried"] == 4
+    assert (figures["loss_gaze_jump_over_normal"] > 1) == (jump > 0)
+    assert (figures["loss_face_jump_over_normal"] > 1) == (jump > 0)
+    assert figures["recovery_ms_worst"] == pytest.approx(late * 1000 / 30, abs=1)
 
 
 def test_bars_are_those_of_the_figures_there_are() -> None:

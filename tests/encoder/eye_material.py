@@ -23,6 +23,7 @@ def net() -> EyeNet:
         made.heads.bias[2:4] = torch.tensor([1.5, 6.0])  # every picture is an open eye
         made.heads.weight[:2] *= 3
         made.pair[2].weight.normal_(std=0.1)  # type: ignore[operator]
+        made.relative.normal_(std=0.05)
     return made.eval()
 
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from encoder.eye_calibration import ROUTINE, EyeCalibration, Take, fit
+from encoder.eye_calibration import MAX_SHIFT, ROUTINE, EyeCalibration, Take, fit
 from encoder.eye_format import unit
 from sensors.types import InputError
 
@@ -88,6 +89,41 @@ def test_an_eye_that_was_not_seen_stays_as_it_is() -> None:
     assert fit([])[0] == identity
 
 
+def test_a_good_guess_is_kept_where_the_fit_is_worse() -> None:
+    rows = []
+    for take in takes():
+        exact = np.tile(take.target.direction, (*take.gaze.shape[:2], 1))
+        rows.append(replace(take, gaze=exact, relative=unit(0 * exact[..., :2])))
+    calibration, refused = fit(rows)
+    assert calibration.relative == (False, False)
+    assert sum(words.startswith("gaze") for words in refused) == 2
+
+
+def test_only_what_was_seen_of_arrived_eyes_counts() -> None:
+    rng, wild = np.random.default_rng(1), list[Take]()
+    for take in takes():
+        good = take.good.copy()
+        good[15:33] = False  # most of what is left
+        relative = take.relative.copy()
+        relative[~good] = unit(rng.normal(0.4, 0.1, (int((~good).sum()), 2)))
+        wild.append(replace(take, relative=relative, good=good))
+    calibration, _ = fit(wild)
+    assert calibration.relative == (True, True) and error(calibration, takes()) < 1.2
+    early = [replace(t, good=t.good & (np.arange(len(t.good)) < 15)[:, None]) for t in takes()]
+    assert fit(early)[0] == EyeCalibration()
+    assert fit(takes()[:2])[0].relative == (False, False)  # two points are no map
+
+
+def test_eyes_that_close_late_are_closed_all_the_same() -> None:
+    rows = takes()
+    rows[-1].lids[:30] = rows[0].lids[:30]
+    calibration, refused = fit(rows)
+    assert not refused and max(calibration.shut) < 0.3
+    ahead = rows[0].gaze[0]
+    _, lids = calibration.apply(ahead, ahead, np.float32([0.05, 1.0]))
+    assert lids.tolist() == [0, 1]
+
+
 def test_perfect_eyes_are_left_nearly_alone() -> None:
     rows = takes(gain=1, shift=0, noise=1e-4, shut=0, wide=1)
     calibration, _ = fit(rows)
@@ -102,6 +138,8 @@ def test_recentring() -> None:
     centred, _ = calibration.recentred(shown).apply(raw, raw, lids)
     assert np.abs(centred.mean(0)[:2]).max() < 1e-4
     assert centred[0, 0] < 0 < centred[1, 0]  # they still converge as before
+    far = calibration.recentred(unit(np.array([[0.8, 0], [0.8, 0]]))).shift
+    assert np.min(far) == pytest.approx(-MAX_SHIFT)
 
 
 def test_saved_calibration_comes_back(tmp_path: Path) -> None:

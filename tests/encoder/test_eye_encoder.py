@@ -11,7 +11,7 @@ import torch
 from eye_material import drawn_eye, encoder, net
 
 from encoder.checkpoint import save
-from encoder.eye_encoder import conjugate, joined, load_eye_encoder
+from encoder.eye_encoder import USUAL_VERGENCE, conjugate, joined, load_eye_encoder
 from encoder.eye_format import GAZE_UNIT, normalised, pixels, unit
 from sensors.types import InputError
 
@@ -50,6 +50,10 @@ def test_onnx_equals_torch() -> None:
     expected = unit(both * np.float32([[1, 1], [-1, 1]]))
     assert np.abs(reading.together - expected).max() < 1e-5
     assert np.abs(reading.together - reading.gaze).max() > 1e-3
+    relative = made.relative.detach().numpy()
+    xy = reading.features @ relative[:-1] + relative[-1]
+    assert np.abs(reading.relative - unit(xy * np.float32([[1, 1], [-1, 1]]))).max() < 1e-5
+    assert np.abs(reading.relative[:, :2]).min() > 1e-3
     assert reading.features.shape == (2, 80) and reading.features.std() > 0.01
 
 
@@ -71,7 +75,8 @@ def test_eyes_move_together() -> None:
     assert gaze[0, 1] == gaze[1, 1] == pytest.approx(0) and 0 < gaze[1, 0] - gaze[0, 0] < 0.1
     assert gaze.mean(0)[0] == pytest.approx(0.2)
     alone = conjugate(noisy, blind)
-    assert np.abs(alone[0] - noisy[0]).max() < 0.01 and alone[1, 0] > alone[0, 0]
+    assert np.abs(alone[0] - noisy[0]).max() < 0.01
+    assert alone[1, 0] - alone[0, 0] == pytest.approx(USUAL_VERGENCE)  # how far is not seen
     true = np.float32([[0.168, 0.05], [0.232, 0.05]])
     assert np.abs(conjugate(true, both) - true).max() < 1e-3
     shut = joined(unit(noisy), np.float32([1, 0]), both)
@@ -99,6 +104,12 @@ def test_finite_on_any_picture() -> None:
         assert (reading.gaze[:, 2] > 0.5).all()
 
 
+def test_no_gaze_is_behind_the_head() -> None:
+    far, near = unit(np.float32([[2, 0], [0, -30]])), unit(np.float32([0.1, -0.2]))
+    assert np.isfinite(far).all() and (far[:, 2] > 0.5).all() and far[0, 0] > 0.8 > 0 > far[1, 1]
+    assert near[:2] == pytest.approx([0.1, -0.2]) and np.linalg.norm(near) == pytest.approx(1)
+
+
 def test_synthesised_features_are_the_networks() -> None:
     gaze = unit(np.array([[0.1, -0.05], [0.15, -0.05]], np.float32))
     lids = np.array([1.0, 0.3], np.float32)
@@ -120,3 +131,8 @@ def test_loads_what_was_saved(tmp_path: Path) -> None:
     save(tmp_path / "eyes", made.state_dict(), card)
     expected, actual = encoder()(pair()), load_eye_encoder(tmp_path)(pair())
     assert all(np.array_equal(a, b) for a, b in zip(expected, actual, strict=True))
+    tensors = made.state_dict()
+    del tensors["relative"]
+    save(tmp_path / "eyes", tensors, card)
+    with pytest.raises(InputError, match="another version"):
+        load_eye_encoder(tmp_path)

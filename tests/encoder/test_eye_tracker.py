@@ -20,6 +20,7 @@ from encoder.eye_tracker import (
     EyeTracker,
     Seen,
 )
+from encoder.gaze_graph import build
 from encoder.gaze_statistics import step_deg
 from encoder.gaze_walk import GazeWalk
 
@@ -152,11 +153,47 @@ def test_without_cameras_it_walks_from_the_first_frame() -> None:
     assert np.array_equal(gaze_of(seen), np.array(expected))
 
 
+def test_synthesised_eyes_blink() -> None:
+    blinking = np.where(np.arange(2000) % 50 < 5, 0.1, 1.0).astype(np.float32)
+    track = EyeTracker(ENCODER, GazeWalk(build(looks(2000), blinking, threshold=4.0), 7))
+    state, lids = track.init_state(), []
+    for _ in range(200):
+        seen, state = track.step(None, np.zeros(2, bool), state)
+        expected = ENCODER.synthesise(seen.gaze, seen.lids)
+        assert np.abs(seen.features - expected).max() < 1e-5
+        lids.append(seen.lids)
+    assert np.min(lids) < 0.2 and np.max(lids) > 0.9
+
+
 def test_a_low_score_is_a_lost_eye() -> None:
     rows = readings(60)
     rows[20:] = [r._replace(score=np.array([0.2, 0.9], np.float32)) for r in rows[20:]]
     _, states = follow(list(rows), np.ones((60, 2), bool))
     assert states[19].source == (OWN, OWN) and states[-1].source == (OTHER, OWN)
+    assert states[20].lost == (1, 0)  # at once: an open eye is no blink
+
+
+def test_an_eye_that_comes_back_from_its_hold_fades() -> None:
+    rows, good = readings(60), np.ones((60, 2), bool)
+    good[28:34, 0] = False  # while the eyes turn
+    seen, states = follow(list(rows), good)
+    gaze = gaze_of(seen)
+    assert states[33].source == (OWN, OWN)
+    way = np.linalg.norm(gaze[40, 0] - gaze[33, 0])
+    assert way > 0.05 and np.linalg.norm(np.diff(gaze[33:41, 0], axis=0), axis=-1).max() < way / 2
+    assert np.array_equal(gaze[40:], both_of(rows)[40:])
+
+
+def test_the_seen_eye_fades_too_when_the_other_is_lost_and_found() -> None:
+    """Its gaze is of both eyes while both are seen, and its own while one is."""
+    row = readings(1)[0]
+    apart = unit(row.gaze[:, :2] + np.float32([[0.1, 0.1], [0, 0]]))
+    rows, good = [row._replace(gaze=apart, together=apart)] * 40, np.ones((40, 2), bool)
+    good[10:20, 1] = False
+    gaze = gaze_of(follow(list(rows), good)[0])[:, 0]
+    way = np.linalg.norm(gaze[19] - gaze[9])
+    assert way > 0.05 and np.linalg.norm(np.diff(gaze, axis=0), axis=-1).max() < way / 2
+    assert np.array_equal(gaze[-1], gaze[9])
 
 
 def test_a_doubtful_shut_eye_is_a_blink_for_half_a_second() -> None:
@@ -212,6 +249,9 @@ def test_calibration_moves_gaze_and_features() -> None:
         shifted.apply(reading.gaze, reading.relative, reading.lids)[0], seen.lids
     )
     assert np.abs(seen.features - expected).max() < 1e-4
+    full = reading._replace(features=np.where(reading.features < 0, -1, 1).astype(np.float32))
+    seen, _ = track.step(full, BOTH, track.init_state(shifted))
+    assert np.abs(seen.features).max() <= 1 and (seen.features != full.features).any()
 
 
 def test_what_is_personal_differs_from_eye_to_eye() -> None:
