@@ -229,23 +229,24 @@ def lip_figures(
     1 a still mouth. lip_motion_r is the correlation of the centres' part: a timid mouth cannot buy
     it.
     """
-    spans = [_fast_spans_mm(mesh, row) for row in truths]
-    motion = np.abs(np.concatenate(spans, 1)).mean()
-    openings = [mesh.opening_mm(row) for row in truths]
-    closing = [np.isin(row, CLOSING) for row in phones]
-    sync, error, r = list[float](), list[float](), list[float]()
+    spans, sync = list[metrics.Doubles](), list[float]()
+    moved: list[list[metrics.Doubles]] = [[] for _ in said]
     of, kept = np.zeros(len(truths)), np.zeros(len(truths))
-    for codes in said:
-        moved = [_fast_spans_mm(mesh, row) for row in codes]
-        off = np.concatenate(moved, 1) - np.concatenate(spans, 1)
-        error.append(float(np.abs(off).mean() / motion))
-        centres = [np.concatenate(x, 1)[1] for x in (moved, spans)]
-        r.append(max(metrics.best_shift(centres[0], centres[1], 0)[0], 0.0))
-        for index, (row, truth) in enumerate(zip(codes, truths, strict=True)):
-            sync.append(mesh.marks.sync_error_mm(mesh.lips(row), mesh.lips(truth)))
-            opening = mesh.opening_mm(row)
-            found, of[index] = metrics.closures(opening, openings[index], closing[index])
+    for index, truth in enumerate(truths):
+        real, closing = mesh.lips(truth), np.isin(phones[index], CLOSING)
+        spans.append(_fast_spans_mm(mesh, real))
+        for codes, fast in zip(said, moved, strict=True):
+            lips = mesh.lips(codes[index])
+            fast.append(_fast_spans_mm(mesh, lips))
+            sync.append(mesh.marks.sync_error_mm(lips, real))
+            openings = [mesh.marks.opening_mm(x) for x in (lips, real)]
+            found, of[index] = metrics.closures(openings[0], openings[1], closing)
             kept[index] += found / len(said)
+    motion, error, r = np.concatenate(spans, 1), list[float](), list[float]()
+    for fast in moved:
+        shown = np.concatenate(fast, 1)
+        error.append(float(np.abs(shown - motion).mean() / np.abs(motion).mean()))
+        r.append(max(metrics.best_shift(shown[1], motion[1], 0)[0], 0.0))
     figures = {
         "lip_sync_mm": float(np.mean(sync)),
         "lip_motion_error": float(np.mean(error)),
@@ -254,12 +255,10 @@ def lip_figures(
     return figures, Closures(of, kept)
 
 
-def _fast_spans_mm(mesh: FaceMesh, codes: Floats) -> metrics.Doubles:  # [T, 256] -> [2, T]
+def _fast_spans_mm(mesh: FaceMesh, lips: Floats) -> metrics.Doubles:  # [T, n, 3] -> [2, T]
     """Distances of the lips' corners and centres, without what changes slower than 0.5 Hz."""
-    lips, marks = mesh.lips(codes), mesh.marks
-    spans = [
-        np.linalg.norm(lips[:, a] - lips[:, b], axis=-1) for a, b in (marks.corners, marks.centres)
-    ]
+    pairs = (mesh.marks.corners, mesh.marks.centres)
+    spans = [np.linalg.norm(lips[:, a] - lips[:, b], axis=-1) for a, b in pairs]
     return metrics.highpassed(np.stack(spans))
 
 
