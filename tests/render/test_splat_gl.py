@@ -152,6 +152,7 @@ def test_broken_gaussians_are_dropped_and_counted(gl_renderer):
         replace(good, colors=np.array([[np.nan, 0.0, 0.0]], np.float32)),
         replace(good, means=np.array([[0.0, np.inf, 0.0]], np.float32)),
         replace(good, scales=np.zeros((1, 3), np.float32)),
+        replace(good, scales=np.array([[5.0, -1.0, 5.0]], np.float32)),
         replace(good, quats=np.zeros((1, 4), np.float32)),
         replace(good, opacities=np.array([0.001], np.float32)),
         replace(good, opacities=np.array([np.nan], np.float32)),
