@@ -150,6 +150,7 @@ def head_figures(
         means = np.mean(values, 0)
         for figure, value in zip(("upper_face_mm", "fdd_mm", "lve_mm"), means, strict=True):
             result[f"{figure}_{name}"] = float(value)
+    result["avatar_closings"] = closings["speech"].hits + closings["speech"].missed
     for name, found in blinks.items():
         result[f"avatar_closes_on_time_{name}"] = closings[name].on_time
         result[f"avatar_blinks_on_time_{name}"] = found.on_time  # half blinks, too

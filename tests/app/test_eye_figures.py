@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import namedtuple
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +57,7 @@ def clip(bias: float = 0.0) -> Clip:
         for target in ROUTINE
     )
     seen = unit(gaze[..., :2] + bias)
+    seen[lids == 0] = unit(np.float32([0.4, -0.3]))  # what shut eyes seem to show is not judged
     return Clip(
         np.zeros((FRAMES, 1600), np.float32), written(seen, lids),
         np.zeros((FRAMES, 53), np.float32), gaze, lids, routine,
@@ -66,6 +68,9 @@ def test_figures_of_a_perfect_and_of_a_biased_encoder() -> None:
     perfect = encoder_figures(told, [clip()])  # type: ignore[arg-type]
     assert perfect["gaze_error_deg_median"] < 0.3 and perfect["lid_error_mean"] < 0.01
     assert perfect["blinks"] == 4 and perfect["blink_f1"] == 1
+    assert perfect["gaze_error_deg_p95"] < 0.3
+    low = encoder_figures(lambda e: told(e)._replace(lids=0.8 * told(e).lids), [clip()])  # type: ignore[arg-type]
+    assert low["lid_error_mean"] == pytest.approx(0.2 * clip().lids.mean(), abs=0.01)
     biased = encoder_figures(told, [clip(0.08)])  # type: ignore[arg-type]
     assert biased["gaze_error_deg_median"] > 4
     assert biased["gaze_error_calibrated_deg_median"] < 1
@@ -102,16 +107,18 @@ class FakeMesh:
 
 
 def figures_of_a_late_head(monkeypatch: pytest.MonkeyPatch, late: int, half: bool) -> Figures:
-    """A head that blinks with the clip's eyes, some frames late, and half blinks or not."""
-    seen = clip()
+    """A head that blinks with the clip's eyes, later the louder it is, and half blinks or not."""
+    seen = replace(clip(), audio=np.ones((FRAMES, 1600), np.float32))
     seen.lids[40:43] = 0.4  # turns round on its way
     lids = seen.lids.mean(1) if half else clip().lids.mean(1)
-    codes = np.zeros((FRAMES, 256), np.float32)
-    codes[:, 0] = 1 - np.roll(lids, late)
     audio = np.full((FRAMES, 256), 2, np.float32)
-    monkeypatch.setattr(
-        eye_figures, "drive", lambda driver, *_: (codes if driver == "eyes" else audio, None)
-    )
+
+    def drive(driver: str, frames: list, seed: int) -> tuple[np.ndarray, None]:
+        codes = np.zeros((FRAMES, 256), np.float32)
+        codes[:, 0] = 1 - np.roll(lids, late * bool(frames[0].audio.any()))
+        return codes if driver == "eyes" else audio, None
+
+    monkeypatch.setattr(eye_figures, "drive", drive)
     monkeypatch.setattr(eye_figures, "told", lambda *_: audio / 2)
     monkeypatch.setattr("encoder.metrics.upper_face_deviation_mm", lambda *_: 0.0)
 
@@ -124,11 +131,12 @@ def figures_of_a_late_head(monkeypatch: pytest.MonkeyPatch, late: int, half: boo
 def test_the_head_blinks_when_the_eyes_do(monkeypatch: pytest.MonkeyPatch) -> None:
     for late, on_time in ((0, 1.0), (1, 1.0), (-1, 1.0), (2, 0.0)):
         figures = figures_of_a_late_head(monkeypatch, late, half=True)
-        for sound in ("speech", "silence"):
-            assert figures[f"avatar_closes_on_time_{sound}"] == on_time
-            assert figures[f"avatar_blinks_on_time_{sound}"] == on_time
+        for sound, share in (("speech", on_time), ("silence", 1)):
+            assert figures[f"avatar_closes_on_time_{sound}"] == share
+            assert figures[f"avatar_blinks_on_time_{sound}"] == share
     figures = figures_of_a_late_head(monkeypatch, 0, half=False)
     assert figures["avatar_closes_on_time_silence"] == 1
+    assert figures["avatar_closings"] == 2
     assert figures["avatar_blinks_on_time_silence"] == pytest.approx(2 / 3)
     assert figures["upper_face_mm_eyes"] == 0 < figures["upper_face_mm_true_gaze"]
     assert figures["upper_face_mm_synthesised"] == 2 * figures["upper_face_mm_true_gaze"]

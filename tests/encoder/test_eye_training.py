@@ -118,6 +118,32 @@ def test_losses_see_their_targets(folder: Path) -> None:
     assert all(p.grad is not None for p in net.parameters())
 
 
+def test_what_cannot_be_seen_is_not_asked(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    data, net, pairs = EyePictures.load(folder), EyeNet(PRESETS["debug"]), np.arange(16)
+
+    def loss(name: str, of: EyePictures) -> float:
+        torch.manual_seed(1)
+        return float(eyes.losses(net, of, pairs)[name].detach())
+
+    some = np.arange(120) % 4 == 0  # left eyes, of every second pair
+    open_ = replace(data, lids=np.ones_like(data.lids))
+    shut = replace(data, lids=np.where(some, 0, open_.lids))
+    gaze = data.gaze + 0.3 * some[:, None].astype(np.float32)
+    for name in ("gaze", "pair"):
+        asked = loss(name, replace(open_, gaze=gaze)) - loss(name, open_)
+        hidden = loss(name, replace(shut, gaze=gaze)) - loss(name, shut)
+        assert asked > 0.1 and abs(hidden) < 0.2 * asked
+    other = data.gaze + 0.3 * np.roll(some, 1)[:, None].astype(np.float32)
+    both = loss("pair", replace(shut, gaze=other)) - loss("pair", shut)
+    assert abs(both) < 0.05  # where one eye is shut, the pair is asked of neither
+    plain = eyes.augmented
+    monkeypatch.setattr(eyes, "augmented", lambda *a, **k: (plain(*a, **k)[0], torch.zeros(64) > 0))
+    torch.manual_seed(1)
+    rows = eyes.losses(net, data, pairs)
+    assert rows["valid"] > 0
+    assert all(rows[n] == 0 for n in ("gaze", "pair", "relative", "lid", "rig", "synthesis"))
+
+
 def test_distortions_are_bounded_and_standardised(folder: Path) -> None:
     data = EyePictures.load(folder)
     x, valid = augmented(data.pictures)

@@ -110,10 +110,58 @@ def test_batches_match_their_truth(folder: Path) -> None:
     assert batch.e.shape == (3, 60, 160) and batch.e.abs().max() <= 1
     assert batch.audio.shape == (3, 60, 512) and batch.codes.shape == (3, 60, 256)
     blinking = batch.weight > 1
+    assert 0.05 < blinking.float().mean() < 0.3  # 6 frames of 40
     left = batch.e[..., :80]
     gap = left[blinking].mean(0) - left[~blinking].mean(0)
     assert gap.abs().max() > 0.05  # e shows the blinks of its own frames
     assert np.array_equal(streams.draw(3, 60, np.random.default_rng(0)).codes, batch.codes)
+
+
+def test_features_are_those_of_each_eye_as_its_cameras_are_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made, steady = net(), torch.zeros(80, 80)
+    gaze = torch.from_numpy(looks(50))[None]
+    rig = torch.rand(1, 50, 2, 7)
+    left_like = gaze[..., :2] * torch.tensor([[1.0, 1.0], [-1.0, 1.0]])
+    blink = torch.zeros_like(rig)
+    blink[..., 0] = rig[..., 0]
+
+    def e(*gone: bool) -> torch.Tensor:  # [50, 2, 80]
+        answers = iter(gone)
+        lost = lambda frames, *_: torch.full((frames,), next(answers))  # noqa: E731
+        monkeypatch.setattr(multimodal, "_lost_frames", lost)
+        rows = multimodal.synthesised(made, gaze, rig, 0.3, np.random.default_rng(0))
+        return rows[0].unflatten(-1, (2, 80))
+
+    made.subject_spread, made.frame_spread = steady, steady
+    with torch.no_grad():
+        seen = made.synthesise(left_like, rig)[0]
+        across = left_like.flip(2) * torch.tensor([-1.0, 1.0])
+        moved = made.synthesise(across, blink.flip(2)) - made.synthesise(
+            left_like.flip(2), blink.flip(2)
+        )
+        blink[..., 0] = rig[..., 0].mean(2, keepdim=True)
+        walked = made.synthesise(left_like, blink)[0]
+    assert torch.allclose(e(False, False), seen.clamp(-1, 1), atol=1e-6)
+    assert torch.allclose(
+        e(True, False)[:, 0], (seen[:, 1] + moved[0, :, 0]).clamp(-1, 1), atol=1e-6
+    )
+    assert torch.allclose(e(True, True), walked, atol=1e-6)
+    plain = e(False, False)
+    made.subject_spread = 0.01 * torch.eye(80)
+    off = e(False, False) - plain
+    assert off.abs().max() > 0.005 and off.std(0).max() < 1e-6  # the same all through
+    made.subject_spread, made.frame_spread = steady, 0.01 * torch.eye(80)
+    assert (e(False, False) - plain).std(0).mean() == pytest.approx(0.01, rel=0.2)
+
+
+def test_eyes_are_lost_as_often_as_asked() -> None:
+    rng = np.random.default_rng(0)
+    share = [
+        float(multimodal._lost_frames(100, c, rng).any()) for c in (0.0, 0.5) for _ in range(200)
+    ]
+    assert np.mean(share[:200]) == 0 and 0.3 < np.mean(share[200:]) < 0.6
 
 
 def test_grown_model_starts_as_the_audio_model(folder: Path) -> None:
