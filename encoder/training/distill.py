@@ -154,8 +154,8 @@ def dmd_loss(
 def mouth_error(student: Denoiser, z: Tensor, codes: Tensor, weight: Tensor, face: Face) -> Tensor:
     """Weighted squared error of what moves the mouth, in units of `z`.
 
-    Eyes, lids and brows stay the teacher's samples: nobody can tell from sound when a blink comes,
-    and a mean of blinks is none.
+    Nobody can tell from sound when a blink comes, and a mean of blinks is none. (L_geom still asks
+    lids for the truth's motion: blinks grow rare with it, measured.)
     """
     error = face.mouth(student.unstandardise(z) - codes) / student.expression_std
     return (error.square().mean(-1) * weight).mean()
