@@ -179,6 +179,7 @@ def make_bars(metrics: "Figures") -> list[dict[str, Any]]:
         "flag_falls_noise": 1.0, "flag_falls_covered": 1.0, "flag_falls_swapped": 0.9,
         "upper_face_gain_over_synthesised": 0.4, "upper_face_gain_over_true_gaze": 0.2,
         "avatar_closes_on_time_speech": 1.0, "avatar_closes_on_time_silence": 1.0,
+        "avatar_blinks_on_time_speech": 1.0, "avatar_blinks_on_time_silence": 1.0,
         "real_blink_f1": 0.8, "real_order_share": 0.99,
     }  # fmt: skip
     bars = [at_most(name, metrics[name], bar) for name, bar in highest.items() if name in metrics]
