@@ -208,12 +208,10 @@ class Judgement:
 
 def load_model(student: Any, emotion: Any) -> Model:
     from encoder import checkpoint
+    from encoder.emotion import zero_convs
     from encoder.training.diffusion import load_denoiser
-    from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 
-    tensors, card = checkpoint.load(emotion, "emotion")
-    zero = ZeroConvs(checkpoint.config_from(ZeroConvConfig, card["config"]))
-    zero.load_state_dict({name: tensor.float() for name, tensor in tensors.items()})
+    zero = zero_convs(*checkpoint.load(emotion, "emotion"), emotion)
     return Model(load_denoiser(student, "student")[0], zero.eval())
 
 

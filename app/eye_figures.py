@@ -202,9 +202,8 @@ def loss_figures(
             jumps.append(step_deg(hurt_gaze).max())
             faces.append(moves(mesh, hurt).max())
             same = np.abs(hurt_gaze - gaze[cut])[stop:].max((1, 2)) < 1e-3
-            same = same[
-                clip.lids[cut][stop:].min(1) > OPEN
-            ]  # a shut eye shows no gaze to return to
+            # a shut eye shows no gaze to return to
+            same = same[clip.lids[cut][stop:].min(1) > OPEN]
             recovery.append(int(np.argmax(same)) if same.any() else len(same))
             assert np.isfinite(hurt).all()
     return {

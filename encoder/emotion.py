@@ -10,12 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from difflib import get_close_matches
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sensors.types import FPS, InputError
+
+if TYPE_CHECKING:
+    from encoder.zero_conv import ZeroConvs
 
 Floats = NDArray[np.float32]
 NEUTRAL = "neutral"
@@ -104,8 +107,7 @@ def load_emotions(folder: Path, student_sha256: str) -> Emotions | None:
     """The emotions of this very student; None where there are none, or another student's."""
     import torch
 
-    from encoder.checkpoint import config_from, load
-    from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+    from encoder.checkpoint import load
 
     path = folder / "emotion"
     if not path.with_suffix(".json").is_file():
@@ -113,14 +115,17 @@ def load_emotions(folder: Path, student_sha256: str) -> Emotions | None:
     tensors, card = load(path, "emotion")
     if card["student_sha256"] != student_sha256:
         return None
-    config: ZeroConvConfig = config_from(ZeroConvConfig, card["config"])
-    zero = ZeroConvs(config)
-    _fill(zero, tensors, path)
+    zero = zero_convs(tensors, card, path)
     with torch.inference_mode():
-        return Emotions(config.labels, zero.table().numpy())
+        return Emotions(zero.config.labels, zero.table().numpy())
 
 
-def _fill(zero: Any, tensors: dict[str, Any], path: Path) -> None:
+def zero_convs(tensors: dict[str, Any], card: dict[str, Any], path: Path) -> ZeroConvs:
+    """A loaded checkpoint's convolutions; InputError where its tensors are not its config's."""
+    from encoder.checkpoint import config_from
+    from encoder.zero_conv import ZeroConvConfig, ZeroConvs
+
+    zero = ZeroConvs(config_from(ZeroConvConfig, card["config"]))
     try:
         zero.load_state_dict({name: tensor.float() for name, tensor in tensors.items()})
     except RuntimeError as error:
@@ -128,3 +133,4 @@ def _fill(zero: Any, tensors: dict[str, Any], path: Path) -> None:
             f"checkpoint {path}: expected the tensors of its config, got others "
             f"({str(error).splitlines()[0]}); restore the file or run `livedrive train emotion`"
         ) from error
+    return zero

@@ -12,6 +12,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from render import reference
+
 FAST = {"cache": True, "nogil": True, "error_model": "numpy"}
 Floats = NDArray[np.float32]
 U32 = NDArray[np.uint32]
@@ -20,9 +22,10 @@ TILE_PX = 8
 MOST_ACROSS, MOST_DOWN = 15, 8  # tiles of a box with rows
 # Depths of undrawn splats, as in shaders/project.comp.glsl.
 HIDDEN, BROKEN = np.float32(3.0e38), np.float32(3.2e38)
-FAINTEST = np.float32(6.0)  # -log2 of the faintest alpha that is drawn, as in shaders/splat.glsl
-MIN_ALPHA, MAX_ALPHA = np.float32(2.0**-6), np.float32(0.999)
-LOW_PASS = np.float32(0.3)
+# -log2 of the faintest alpha that is drawn, as in shaders/splat.glsl
+FAINTEST = np.float32(-math.log2(reference.MIN_ALPHA))
+MIN_ALPHA, MAX_ALPHA = np.float32(reference.MIN_ALPHA), np.float32(reference.MAX_ALPHA)
+LOW_PASS = np.float32(reference.LOW_PASS_PX2)
 HALF_LOG2_E = np.float32(0.5 / math.log(2.0))
 SLACK = np.float32(0.02)  # px
 ZERO, HALF, ONE, TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)

@@ -5,8 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from render import tile_kernels
-from render.projection_kernels import BROKEN, HIDDEN
+from render.depth_order import DepthOrder
 from render.storage import GrowingBuffer, splat_shader
 from render.types import FIELDS, Camera, Gaussians
 
@@ -25,9 +24,13 @@ class Projector:
         self._inputs = [GrowingBuffer(gl) for _ in FIELDS]
         self.splats, self._depth_buffer = GrowingBuffer(gl), GrowingBuffer(gl)
         self._depths = np.empty(0, np.float32)  # [N] mm, HIDDEN or BROKEN
-        self._order = self._work = np.empty(0, np.uint32)
+        self._order = DepthOrder()
         self._uploaded: Gaussians | None = None  # one upload serves both eyes
-        self.dropped = 0  # Gaussians of the last run that no picture can show
+
+    @property
+    def dropped(self) -> int:
+        """Gaussians of the last run that no picture can show."""
+        return self._order.dropped
 
     def run(self, gaussians: Gaussians, camera: Camera) -> U32:
         """Project; returns the indices [M] of the visible splats, nearest first.
@@ -38,10 +41,8 @@ class Projector:
         n = len(gaussians)
         if n != len(self._depths):
             self._depths = np.empty(n, np.float32)
-            self._order, self._work = np.empty(n, np.uint32), np.empty(n, np.uint32)
         if n == 0:
-            self.dropped = 0
-            return np.empty(0, np.uint32)
+            return self._order.of(self._depths)
         for binding, (name, buffer) in enumerate(zip(FIELDS, self._inputs, strict=True)):
             if gaussians is not self._uploaded:
                 buffer.write(np.ascontiguousarray(getattr(gaussians, name), np.float32))
@@ -61,8 +62,4 @@ class Projector:
         program.run((n + 63) // 64)
         self._gl.memory_barrier()
         self._depth_buffer.read(self._depths)
-        self.dropped = int(np.count_nonzero(self._depths == BROKEN))
-        count = tile_kernels.nearest_first(
-            self._depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._work
-        )
-        return self._order[:count]
+        return self._order.of(self._depths)

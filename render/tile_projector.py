@@ -3,12 +3,12 @@
 import numpy as np
 
 from render import projection_kernels as kernels
-from render import tile_kernels
-from render.projection_kernels import BROKEN, HIDDEN, MAX_ALPHA, TILE_PX, U32, Floats
+from render.depth_order import DepthOrder
+from render.projection_kernels import MAX_ALPHA, TILE_PX, U32, Floats
+from render.reference import FRUSTUM_MARGIN
 from render.types import FIELDS, Camera, Gaussians
 
 TRANSPARENT = np.float32(1e-6)
-MARGIN = 0.15  # of the picture: the Jacobian is taken no further outside
 
 
 class TileProjector:
@@ -16,7 +16,12 @@ class TileProjector:
 
     def __init__(self) -> None:
         self._reserve(0)
-        self.dropped = 0  # Gaussians of the last run that no picture can show
+        self._order = DepthOrder()
+
+    @property
+    def dropped(self) -> int:
+        """Gaussians of the last run that no picture can show."""
+        return self._order.dropped
 
     def run(self, gaussians: Gaussians, camera: Camera) -> U32:
         """Project; returns the indices [M] of the visible splats, nearest first."""
@@ -39,17 +44,13 @@ class TileProjector:
         )
         kernels.invert(var_x, var_y, cov, p, q, r)
         kernels.enclose(x, y, var_x, var_y, log2_opacity, across, down, half_y, boxes)
-        kernels.reach(x, y, p, q, r, log2_opacity, half_y, boxes, self._order, self._rows)
+        kernels.reach(x, y, p, q, r, log2_opacity, half_y, boxes, self._first_rows, self._rows)
         bits_p, bits_q, bits_r = (factor.view(np.int32) for factor in (p, q, r))
         splats = self.splats.reshape(-1)
         kernels.pack(x, y, bits_p, bits_q, bits_r, log2_opacity, colors, splats)
         near = np.float32(camera.near_mm)
         kernels.judge(means, quats, scales, opacities, colors, boxes, near, depths)
-        self.dropped = int(np.count_nonzero(depths == BROKEN))
-        count = tile_kernels.nearest_first(
-            depths.view(np.uint32), HIDDEN.view(np.uint32), self._order, self._sorting
-        )
-        return self._order[:count]
+        return self._order.of(depths)
 
     def _reserve(self, count: int) -> None:
         self.splats = np.zeros((count, 4), np.uint32)  # packed, see shaders/splat.glsl
@@ -58,12 +59,13 @@ class TileProjector:
         self.rows = self._rows.view(np.uint8).reshape(-1, 8)  # left out << 4 | reached, or WHOLE
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
         self._work = np.zeros((11, count), np.float32)
-        self._order, self._sorting = np.zeros(count, np.uint32), np.zeros(count, np.uint32)
+        self._first_rows = np.zeros(count, np.uint32)
 
 
 def lens_of(camera: Camera) -> Floats:  # [8]
     """Focal lengths and centre (px), and the slopes between which the Jacobian is taken."""
     K, size = camera.K, np.array([camera.width, camera.height], np.float64)
     focal, centre = np.array([K[0, 0], K[1, 1]]), np.array([K[0, 2], K[1, 2]])
-    low, high = -(centre + MARGIN * size) / focal, (size - centre + MARGIN * size) / focal
+    margin = FRUSTUM_MARGIN * 0.5 * size
+    low, high = -(centre + margin) / focal, (size - centre + margin) / focal
     return np.array([*focal, *centre, low[0], high[0], low[1], high[1]], np.float32)

@@ -17,6 +17,7 @@ from torch import Tensor, nn
 from encoder import checkpoint
 from encoder.capture.emotion import EMOTIONS, LABELS, rigs
 from encoder.denoiser import Denoiser
+from encoder.emotion import zero_convs
 from encoder.training import loop
 from encoder.training.diffusion import fold_gaze, load_denoiser
 from encoder.training.emotion_streams import SWELL, EmotionStreams
@@ -133,15 +134,12 @@ def losses(
 
 def load_zero_convs(path: Path, config: ZeroConvConfig) -> ZeroConvs:
     """Those of a checkpoint, whatever student they extended; InputError if their shapes differ."""
-    tensors, card = checkpoint.load(path, "emotion")
-    found = checkpoint.config_from(ZeroConvConfig, card["config"])
-    if found != config:
+    zero = zero_convs(*checkpoint.load(path, "emotion"), path)
+    if zero.config != config:
         raise InputError(
-            f"--start {path}: expected convolutions for {config}, got {found}; "
+            f"--start {path}: expected convolutions for {config}, got {zero.config}; "
             "take the file away to start from zero"
         )
-    zero = ZeroConvs(config)
-    zero.load_state_dict({name: tensor.float() for name, tensor in tensors.items()})
     return zero
 
 
