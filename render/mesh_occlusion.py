@@ -78,7 +78,7 @@ class Occlusion:
         array = gl.vertex_array(self._program, [(buffer, "3f", "position")], index)
         start, normals = (vertices, normals) if points is None else points
         ends = (start + offset_mm * normals).astype(np.float32)
-        gl.enable(gl.DEPTH_TEST)
+        gl.enable_only(gl.DEPTH_TEST)  # others leave blending on
         self._target.use()
         seen, weight = np.zeros((2, len(start), 2), np.float32)
         for column, group in enumerate((self._sky, self._key)):

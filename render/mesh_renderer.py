@@ -103,8 +103,7 @@ class MeshRenderer:
             self._target = gl.framebuffer([gl.texture(size, 4)], gl.depth_renderbuffer(size))
         self._target.use()
         self._target.clear(*camera.background, 1.0)
-        gl.enable(gl.DEPTH_TEST)
-        gl.disable(gl.BLEND | gl.CULL_FACE)
+        gl.enable_only(gl.DEPTH_TEST)
         if self._opaque:
             self._opaque.render()
         if self._lashes:

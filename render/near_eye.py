@@ -144,14 +144,14 @@ class NearEye:
         surface = parts.normals(posed, skin.faces)
         self._common(view, eye, look)
         self.grains.use(0)
-        gl.enable(gl.DEPTH_TEST)
-        gl.disable(gl.BLEND)
+        gl.enable_only(gl.DEPTH_TEST)
         self._skin_uniforms(look)
         rows = np.concatenate([posed, surface, skin.rest], 1).astype(np.float32)
         self._draw_now("skin", rows, skin.faces)
         self._ball_uniforms(gaze, margins, look)
         self.ball.render()
         gl.enable(gl.BLEND)
+        gl.blend_func = gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA
         self.target.depth_mask = False
         pixel_mm = 2 * look.distance * np.tan(np.radians(look.view_deg) / 2) / self.size_px
         brow = parts.brow_curves(skin, posed, surface, look.brow_hairs)

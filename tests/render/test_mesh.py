@@ -64,7 +64,12 @@ def test_clip_matrix_agrees_with_the_camera():
 
 
 def test_a_roof_takes_the_sky_and_the_key_light(egl_context):
-    """A vertex under a wide roof sees less sky and no key light; one in the open sees all."""
+    """A vertex under a wide roof sees less sky and no key light; one in the open sees all.
+
+    Whatever was drawn before: splats leave blending on.
+    """
+    egl_context.gl.enable_only(egl_context.gl.BLEND)
+    egl_context.gl.blend_func = egl_context.gl.ONE, egl_context.gl.ONE_MINUS_SRC_ALPHA
     ground = np.array([[0, 0, 0], [4, 0, 0], [0, 0, 4], [150, 0, 0], [154, 0, 0], [150, 0, 4]])
     roof = 10 * np.array([[-4, 1, -4], [4, 1, -4], [4, 1, 6], [-4, 1, 6]])
     vertices = np.concatenate([ground, roof]).astype(np.float32)
