@@ -228,6 +228,24 @@ def test_the_truth_holds_the_mouth_and_leaves_the_eyes_to_the_teacher():
     assert distill.mouth_error(student, z, codes, weight, FACE) == pytest.approx(0.5)
 
 
+@pytest.mark.parametrize("part, eyes_move", [("mouth", False), ("face", True)])
+def test_the_geometry_of_the_mouth_leaves_the_lids_alone(part, eyes_move, tmp_path):
+    """A mean of blinks is none: what the truth's lids do is the teacher's to say."""
+    student, generator = Denoiser(PRESETS["debug"]), torch.Generator().manual_seed(0)
+    codes, noise = torch.randn(2, 1, 8, 256, generator=generator)
+    sound, gaze = torch.zeros(1, 8, student.config.audio_dim), torch.zeros(1, 8, 6)
+    paths = {"streams": tmp_path, "teacher": tmp_path}
+    config = distill.preset("debug", **settings(tmp_path, "student", **paths))
+    config = replace(config, geometry_of=part, truth_weight=0.0, dmd_weight=0.0)
+    sample = (noise, 200, codes, sound, gaze, torch.ones(1, 8), torch.zeros_like(codes))
+    shown = torch.zeros_like(codes, requires_grad=True)
+    student.forward = lambda *_: shown  # type: ignore[method-assign]
+    parts = distill.losses(student, student, sample, Schedule(), FACE, config)
+    (parts["total"] - parts["distill"]).backward()
+    assert shown.grad is not None and shown.grad[..., :128].abs().max() > 0
+    assert bool(shown.grad[..., 128:].abs().max() > 0) is eyes_move
+
+
 def test_dmd_ends_where_the_student_is_trained_at_tau_n_alone(stages, tmp_path, monkeypatch):
     monkeypatch.setattr(distill, "phase_at", lambda *_: 4)
     motion = {"streams": stages / "streams.npz", "teacher": stages / "teacher"}
