@@ -9,23 +9,40 @@ Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 
 
+LANES = 16  # vertices that are moved together
+WIDTH = 3 * LANES
+
+
 @njit(cache=True, nogil=True, error_model="numpy")
 def blend(
-    rest: Floats,  # [V, 3] mm
-    starts: Ints,  # [V + 1] where each vertex's shapes begin
+    rest: Floats,  # [V * 3] mm
+    starts: Ints,  # [V / LANES + 1] where the shapes of each block of vertices begin
     shapes: NDArray[np.uint8],  # [E]
-    moves: Floats,  # [E, 3] mm at full activation
+    moves: NDArray[np.int16],  # [E, WIDTH] at full activation, in units of ...
+    unit: np.float32,  # ... mm
     rig: Floats,  # [R]
-    out: Floats,  # -> [V, 3] mm
+    out: Floats,  # -> [V * 3] mm
 ) -> None:
-    for v in range(len(rest)):
-        x, y, z = np.float32(0), np.float32(0), np.float32(0)
-        for e in range(starts[v], starts[v + 1]):
-            weight = rig[shapes[e]]
-            x += weight * moves[e, 0]
-            y += weight * moves[e, 1]
-            z += weight * moves[e, 2]
-        out[v, 0], out[v, 1], out[v, 2] = rest[v, 0] + x, rest[v, 1] + y, rest[v, 2] + z
+    sums = np.empty(WIDTH, np.float32)
+    for block in range(len(starts) - 1):
+        for k in range(WIDTH):
+            sums[k] = 0
+        e, end = np.intp(starts[block]), np.intp(starts[block + 1])
+        while e + 4 <= end:  # four at a time: the sums are read and written less often
+            a, b, c, d = shapes[e], shapes[e + 1], shapes[e + 2], shapes[e + 3]
+            p, q, r, s = rig[a], rig[b], rig[c], rig[d]
+            for k in range(WIDTH):
+                first = sums[k] + p * moves[e, k] + q * moves[e + 1, k]
+                sums[k] = first + r * moves[e + 2, k] + s * moves[e + 3, k]
+            e += 4
+        while e < end:
+            p = rig[shapes[e]]
+            for k in range(WIDTH):
+                sums[k] += p * moves[e, k]
+            e += 1
+        at = block * WIDTH
+        for k in range(min(WIDTH, len(rest) - at)):
+            out[at + k] = rest[at + k] + unit * sums[k]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -75,3 +92,19 @@ def push_out(
             vertices[v, 0] = center[0] + x * scale
             vertices[v, 1] = center[1] + y * scale
             vertices[v, 2] = center[2] + z * scale
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn_eye(
+    rest: Floats,  # [V, 3] mm
+    members: Ints,  # [M] vertices of the eyeball
+    center: Floats,  # [3] mm
+    rotation: Floats,  # [3, 3]
+    out: Floats,  # -> [V, 3] mm, these rows
+) -> None:
+    for member in members:
+        v = np.uintp(member)
+        x, y, z = rest[v, 0] - center[0], rest[v, 1] - center[1], rest[v, 2] - center[2]
+        for k in range(3):
+            turned = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
+            out[v, k] = turned + center[k]
