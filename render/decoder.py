@@ -5,6 +5,7 @@ code -> rig -> posed mesh (`render/posing.py`); code and bias maps -> change of 
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -34,6 +35,7 @@ Floats = NDArray[np.float32]
 class Known(NamedTuple):
     """What follows from an identity alone."""
 
+    biases: tuple[Floats, ...]  # per level [texels, C] of the light decoder, nested
     light: Floats  # [texels, 2] of the light decoder at rest
     still: Still
     reflected: Floats  # [N, 3] linear albedo
@@ -50,6 +52,7 @@ class Decoder:
     surface: Surface
     light: LightNet
     read: csr_array  # [U, texels] map of the light decoder -> used vertices
+    rows: NDArray[np.intp]  # [N] where an identity keeps what it knows of these Gaussians
     opacities: Floats  # [N]
     interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]
@@ -61,7 +64,14 @@ class Decoder:
         """Read the prior's weights; raise InputError when they are missing or damaged."""
         from render.prior_file import load
 
-        return cls(**load(folder), _known=WeakKeyDictionary())
+        made = load(folder)
+        # Neighbours together: what they read of the mesh is at hand.
+        corners = made["surface"].interpolate.indices.reshape(-1, 3)
+        rows = np.argsort(corners.min(1), kind="stable")
+        made["surface"] = made["surface"].take(rows)
+        made["opacities"] = made["opacities"][rows]
+        made["interior"] = np.flatnonzero(np.isin(rows, made["interior"]))
+        return cls(**made, rows=rows, _known=WeakKeyDictionary())
 
     @property
     def to_code(self) -> Floats:
@@ -109,12 +119,17 @@ class Decoder:
     def seen(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [2, U]
         """Shares of the sky and of the key light that reach each used vertex."""
         code = self.coding.normalised(expression.astype(np.float32))
-        change = self.light(code, identity.biases) - self._follows(identity).light
-        out = np.empty_like(identity.seen)
-        starts, texels = (np.asarray(x, np.int32) for x in (self.read.indptr, self.read.indices))
-        weights = np.asarray(self.read.data, np.float32)
-        kernels.read_light(starts, texels, weights, change, identity.seen, out)
+        known, out = self._follows(identity), np.empty_like(identity.seen)
+        change = self.light(code, known.biases) - known.light
+        kernels.read_light(*self._read, change, identity.seen, out)
         return out
+
+    @cached_property
+    def _read(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
+        """`read` for texels in the light decoder's order: starts of rows, texels, weights."""
+        place = np.argsort(self.light.order(len(self.light.ups))).astype(np.int32)
+        starts, texels = self.read.indptr.astype(np.int32), self.read.indices
+        return starts, place[texels], self.read.data.astype(np.float32)
 
     def decode(
         self,
@@ -131,10 +146,9 @@ class Decoder:
         scales, opacities = np.empty((total, 3), np.float32), np.empty(total, np.float32)
         colors = np.empty((total, 3), np.float32)
 
-        light = np.empty((count, 4), np.float32)
-        placed = Placed(means[:count], quats[:count], scales[:count], light)
-        self.surface.place(vertices, self.seen(expression, identity), known.still, placed)
-        kernels.paint(known.reflected, light, colors[:count])
+        placed = Placed(means[:count], quats[:count], scales[:count], colors[:count])
+        seen = self.seen(expression, identity)
+        self.surface.place(vertices, seen, known.still, known.reflected, placed)
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
         opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
@@ -155,11 +169,13 @@ class Decoder:
         known = self._known.get(identity)
         if known is None:
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
+            biases = self.light.nested(identity.biases)
             known = Known(
-                self.light(neutral, identity.biases),
+                biases,
+                self.light(neutral, biases),
                 self.surface.still(identity.geometry),
-                identity.albedo * identity.albedo,
-                self.opacities * identity.shown,
+                (identity.albedo * identity.albedo)[self.rows],
+                self.opacities * identity.shown[self.rows],
             )
             self._known[identity] = known
         return known

@@ -11,19 +11,19 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Shorts = NDArray[np.uint16]
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def around_vertices(
     vertices: Floats,  # [V, 3] mm
-    corners: Ints,  # [F, 3] vertices of the triangles
-    rows: Ints,  # [F, 3] where their corners are gathered, or -1
-    normals: Floats,  # -> [n, 3] unit
-    sums: Floats,  # -> [n] sum of twice the areas around it
-    areas: Floats,  # -> [F] mm^2, twice those of the triangles
+    corners: Shorts,  # [F, 3] vertices of the triangles
+    rows: Shorts,  # [F, 3] where their corners are gathered; n: nowhere
+    totals: Floats,  # -> [n + 1, 4] normals times twice the areas around a vertex; these areas
+    areas: Floats,  # -> [F + 1] mm^2, twice those of the triangles; 1
 ) -> None:
-    normals[:] = 0
-    sums[:] = 0
+    totals[:] = 0
+    areas[len(corners)] = 1
     for f in range(len(corners)):
         a, b, c = corners[f, 0], corners[f, 1], corners[f, 2]
         ax, ay, az = vertices[a, 0], vertices[a, 1], vertices[a, 2]
@@ -34,31 +34,22 @@ def around_vertices(
         areas[f] = area
         for k in range(3):
             row = rows[f, k]
-            if row >= 0:
-                normals[row, 0] += x
-                normals[row, 1] += y
-                normals[row, 2] += z
-                sums[row] += area
-    for n in range(len(normals)):
-        x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
-        length = np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
-        for k in range(3):
-            normals[n, k] /= length
+            totals[row, 0] += x
+            totals[row, 1] += y
+            totals[row, 2] += z
+            totals[row, 3] += area
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def face(
-    normals: Floats,  # [n, 3] unit
-    rows: Ints,  # [n]
-    behind: np.float32,
-    quats: Floats,  # -> [U, 4] these rows; see surface.facing
+def normalise(
+    totals: Floats,  # [n + 1, 4] see around_vertices
+    normals: Floats,  # -> [n, 3] unit
 ) -> None:
     for n in range(len(normals)):
-        row = rows[n]
-        quats[row, 0] = normals[n, 2] + behind
-        quats[row, 1] = -normals[n, 1]
-        quats[row, 2] = normals[n, 0]
-        quats[row, 3] = 0
+        x, y, z = totals[n, 0], totals[n, 1], totals[n, 2]
+        length = np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
+        for k in range(3):
+            normals[n, k] = totals[n, k] / length
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -79,40 +70,17 @@ def flush(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def widen(
-    areas: Floats,  # [F] mm^2
-    triangles: Ints,  # [N] whose area an anchor's width follows, or -1
-    rest_areas: Floats,  # [N] mm^2
-    widths: Floats,  # [N] mm at `rest_areas`, where it follows
-    still: Floats,  # [N] mm, where it does not
-    low: np.float32,
-    high: np.float32,
-    flatness: np.float32,
-    scales: Floats,  # -> [N, 3] mm
-) -> None:
-    for n in range(len(triangles)):
-        width = still[n]
-        if triangles[n] >= 0:
-            stretch = np.sqrt(areas[triangles[n]] / rest_areas[n])
-            width = widths[n] * min(max(stretch, low), high)
-        scales[n, 0] = scales[n, 1] = width
-        scales[n, 2] = width * flatness
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
 def receive(
     normals: Floats,  # [n, 3] unit
-    rows: Ints,  # [n]
     gains: Floats,  # [n, 3] of linear light
     towards: Floats,  # [4, 3] unit: fill, rim and key light; where the key light mirrors
     lamps: Floats,  # [3, 3, 2] of each light and channel: gain and offset over the cosine
     sky: Floats,  # [3, 2] the same over the height
-    out: Floats,  # -> [U, 8] these rows; see Lighting.parts
+    out: Floats,  # -> [n, 8] see Lighting.parts
 ) -> None:
     zero = np.float32(0)
     for n in range(len(normals)):
         x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
-        row = rows[n]
         fill = towards[0, 0] * x + towards[0, 1] * y + towards[0, 2] * z
         rim = towards[1, 0] * x + towards[1, 1] * y + towards[1, 2] * z
         key = towards[2, 0] * x + towards[2, 1] * y + towards[2, 2] * z
@@ -120,33 +88,56 @@ def receive(
             total = sky[k, 0] * y + sky[k, 1]
             total += max(lamps[0, k, 0] * fill + lamps[0, k, 1], zero)
             total += max(lamps[1, k, 0] * rim + lamps[1, k, 1], zero)
-            out[row, k] = gains[n, k] * total
-            out[row, 3 + k] = gains[n, k] * max(lamps[2, k, 0] * key + lamps[2, k, 1], zero)
+            out[n, k] = gains[n, k] * total
+            out[n, 3 + k] = gains[n, k] * max(lamps[2, k, 0] * key + lamps[2, k, 1], zero)
         half = towards[3, 0] * x + towards[3, 1] * y + towards[3, 2] * z
         half = max(half, np.float32(0.5))  # no denormals in its powers: slow
         half *= half  # ^2
         half *= half
         half *= half
         half *= half  # ^16
-        out[row, 6] = half
+        out[n, 6] = half
         half *= half
-        out[row, 7] = half * half
+        out[n, 7] = half * half
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def shade(
+def carry(
+    vertices: Floats,  # [V, 3] mm
+    used: Ints,  # [U] vertices
+    rows: Ints,  # [n] of `used`
+    normals: Floats,  # [n, 3] unit
     parts: Floats,  # [n, 8] see Lighting.parts
-    shine: Floats,  # [2, n] weights of sheen and gloss
-    seen: Floats,  # [2, n] shares of the sky and of the key light
+    shine: Floats,  # [2, U] weights of sheen and gloss
+    seen: Floats,  # [2, U] shares of the sky and of the key light
     bounce: np.float32,  # share of the sky that is always seen
-    out: Floats,  # -> [n, 4] linear red, green, blue on a white surface; shine
+    behind: np.float32,  # see surface.faced
+    out: Floats,  # -> [U, 10] these rows: what Gaussians take from a vertex, see `ride`
 ) -> None:
-    for n in range(len(parts)):
-        lit = seen[1, n]
-        ambient = bounce + (np.float32(1) - bounce) * seen[0, n]
+    for n in range(len(rows)):
+        row = np.uintp(rows[n])
+        v = np.uintp(used[row])
+        lit = seen[1, row]
+        ambient = bounce + (np.float32(1) - bounce) * seen[0, row]
         for k in range(3):
-            out[n, k] = parts[n, k] * ambient + parts[n, 3 + k] * lit
-        out[n, 3] = (shine[0, n] * parts[n, 6] + shine[1, n] * parts[n, 7]) * lit
+            out[row, k] = vertices[v, k]
+            out[row, 6 + k] = parts[n, k] * ambient + parts[n, 3 + k] * lit
+        out[row, 3] = normals[n, 2] + behind
+        out[row, 4] = -normals[n, 1]
+        out[row, 5] = normals[n, 0]
+        out[row, 9] = (shine[0, row] * parts[n, 6] + shine[1, row] * parts[n, 7]) * lit
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def activate(
+    values: Floats,  # [n, C], changed in place
+    bias: Floats,  # [n, C]
+    slope: np.float32,  # below zero
+) -> None:
+    flat, add = values.reshape(-1), bias.reshape(-1)
+    for i in range(len(flat)):
+        x = flat[i] + add[i]
+        flat[i] = max(x, slope * x)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -161,7 +152,7 @@ def read_light(
     zero, one = np.float32(0), np.float32(1)
     for u in range(len(starts) - 1):
         sky, lamp = rest[0, u], rest[1, u]
-        for e in range(starts[u], starts[u + 1]):
+        for e in range(np.uintp(starts[u]), np.uintp(starts[u + 1])):
             texel = np.uintp(texels[e])
             sky += weights[e] * change[texel, 0]
             lamp += weights[e] * change[texel, 1]
@@ -170,35 +161,38 @@ def read_light(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def ride(
-    vertices: Floats,  # [V, 3] mm
-    quats: Floats,  # [U, 4]
-    light: Floats,  # [U, 4]
-    corners: Ints,  # [N, 3] vertices of the anchors' triangles, and ...
-    rows: Ints,  # [N, 3] ... their rows of `quats` and `light`
+    carried: Floats,  # [U, 10] place, mm; three of a turn's wxyz; linear light; shine
+    rows: Shorts,  # [N, 3] vertices of the anchors' triangles
     weights: Floats,  # [N, 3] barycentric coordinates
-    out_means: Floats,  # -> [N, 3] mm
-    out_quats: Floats,  # -> [N, 4]
-    out_light: Floats,  # -> [N, 4]
-) -> None:
-    for n in range(len(corners)):
-        p, q, r = weights[n, 0], weights[n, 1], weights[n, 2]
-        a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
-        for k in range(3):
-            out_means[n, k] = p * vertices[a, k] + q * vertices[b, k] + r * vertices[c, k]
-        a, b, c = rows[n, 0], rows[n, 1], rows[n, 2]
-        for k in range(4):
-            out_quats[n, k] = p * quats[a, k] + q * quats[b, k] + r * quats[c, k]
-        for k in range(4):
-            out_light[n, k] = p * light[a, k] + q * light[b, k] + r * light[c, k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def paint(
+    areas: Floats,  # [F + 1] mm^2
+    triangles: Shorts,  # [N] whose area an anchor's width follows
+    rest_areas: Floats,  # [N] mm^2
+    widths: Floats,  # [N] mm at `rest_areas`
     reflected: Floats,  # [N, 3] linear albedo
-    light: Floats,  # [N, 4] linear red, green, blue on a white surface; shine
+    low: np.float32,
+    high: np.float32,
+    flatness: np.float32,
+    means: Floats,  # -> [N, 3] mm
+    quats: Floats,  # -> [N, 4]
+    scales: Floats,  # -> [N, 3] mm
     colors: Floats,  # -> [N, 3] stored, 0..1
 ) -> None:
-    for n in range(len(colors)):
+    zero, one = np.float32(0), np.float32(1)
+    for n in range(len(rows)):
+        p, q, r = weights[n, 0], weights[n, 1], weights[n, 2]
+        a, b, c = rows[n, 0], rows[n, 1], rows[n, 2]
         for k in range(3):
-            value = reflected[n, k] * light[n, k] + light[n, 3]
-            colors[n, k] = np.sqrt(min(max(value, np.float32(0)), np.float32(1)))
+            means[n, k] = p * carried[a, k] + q * carried[b, k] + r * carried[c, k]
+        for k in range(3):
+            t = 3 + k
+            quats[n, k] = p * carried[a, t] + q * carried[b, t] + r * carried[c, t]
+        quats[n, 3] = zero
+        shine = p * carried[a, 9] + q * carried[b, 9] + r * carried[c, 9]
+        for k in range(3):
+            t = 6 + k
+            light = p * carried[a, t] + q * carried[b, t] + r * carried[c, t]
+            colors[n, k] = np.sqrt(min(max(reflected[n, k] * light + shine, zero), one))
+        stretch = np.sqrt(areas[triangles[n]] / rest_areas[n])
+        width = widths[n] * min(max(stretch, low), high)
+        scales[n, 0] = scales[n, 1] = width
+        scales[n, 2] = width * flatness

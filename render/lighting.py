@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from render import kernels
 
 Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
 WRAP = np.array([0.30, 0.16, 0.12], np.float32)  # how far red, green, blue reach into the shade
 BOUNCE = np.float32(0.20)  # share of the sky that reaches even a mouth, from skin to skin
 VIEWER = np.array([0.0, 0.0, 1.0])  # shine is baked for someone in front of the face
@@ -43,16 +42,16 @@ class Lighting:
     sky: tuple[float, float, float] = (0.30, 0.31, 0.33)
     ground: tuple[float, float, float] = (0.20, 0.17, 0.15)
 
-    def parts(self, normals: Floats) -> Floats:  # [n, 3] unit -> [n, 8]
-        """Linear light on a white surface that sees all of it: 0..2 from sky, fill and rim, 3..5
-        from the key light; 6 sheen of skin (power 16), 7 gloss of wet surfaces (power 64)."""
-        out, rows = np.empty((len(normals), 8), np.float32), np.arange(len(normals), dtype=np.int32)
-        self.renew(normals, rows, np.ones_like(normals), out)
-        return out
+    def parts(self, normals: Floats, gains: Floats | None = None) -> Floats:
+        """[n, 3] unit, [n, 3] of linear light -> [n, 8], on a white surface that sees all of it.
 
-    def renew(self, normals: Floats, rows: Ints, gains: Floats, parts: Floats) -> None:
-        """Write these rows [n] of `parts` [U, 8] anew, of normals [n, 3] and times gains [n, 3]."""
-        kernels.receive(normals, rows, gains, TOWARDS, *self._terms, parts)
+        0..2 from sky, fill and rim, 3..5 from the key light; 6 sheen of skin (power 16), 7 gloss
+        of wet surfaces (power 64).
+        """
+        gains = np.ones_like(normals) if gains is None else gains
+        out = np.empty((len(normals), 8), np.float32)
+        kernels.receive(normals, gains, TOWARDS, *self._terms, out)
+        return out
 
     @cached_property
     def _terms(self) -> tuple[Floats, Floats]:  # [3, 3, 2], [3, 2]
@@ -69,19 +68,10 @@ class Lighting:
         lit: Floats,  # [n] 0..1 share of the key light that is seen
     ) -> Floats:  # [n, 3] linear light on a white surface
         """What the fragment shader computes too (shaders/mesh.frag.glsl)."""
-        seen = np.stack([ambient, lit]).astype(np.float32)
-        return shaded(self.parts(normals), np.zeros_like(seen), seen)[:, :3]
-
-
-def shaded(
-    parts: Floats,  # [n, 8] see Lighting.parts
-    shine: Floats,  # [2, n] weights of sheen and gloss
-    seen: Floats,  # [2, n] shares of the sky and of the key light that are seen
-) -> Floats:  # [n, 4] linear red, green, blue on a white surface; shine
-    """Light under what is seen of it."""
-    out = np.empty((len(parts), 4), np.float32)
-    kernels.shade(parts, shine, seen, BOUNCE, out)
-    return out
+        parts = self.parts(normals)
+        sky = BOUNCE + (1 - BOUNCE) * ambient
+        light = parts[:, :3] * sky[:, None] + parts[:, 3:6] * lit[:, None]
+        return light.astype(np.float32)
 
 
 STUDIO = Lighting()

@@ -5,7 +5,7 @@ everyone). It lies flat on the surface, stretches with it, and its colour is the
 under the light that the posed face receives.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
 
@@ -18,6 +18,7 @@ from render.lighting import STUDIO, Lighting
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
+Shorts = NDArray[np.uint16]
 SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
 SHINE = np.array([lighting.SKIN_SHINE, lighting.EYE_SHINE, lighting.WET_SHINE, (0, 0)], np.float32)
 FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width
@@ -27,6 +28,7 @@ FLUSHES = (
     np.float32(1.35),
 )  # share of the area at rest; beyond it the colour stays
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
+LIGHT = slice(6, 10)  # of what a vertex carries: linear red, green, blue; shine
 STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
 
 
@@ -34,36 +36,38 @@ STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the tr
 class Around:
     """Triangles around some vertices."""
 
-    corners: Ints  # [F, 3] rows of the mesh's vertices
-    rows: Ints  # [F, 3] which of the n vertices each corner is, or -1
+    corners: Shorts  # [F, 3] rows of the mesh's vertices
+    rows: Shorts  # [F, 3] which of the n vertices each corner is, or n: none
     count: int  # n
 
     def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
         """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
-        triangle [F], mm^2."""
-        normals, sums = np.empty((self.count, 3), np.float32), np.empty(self.count, np.float32)
-        areas = np.empty(len(self.corners), np.float32)
-        kernels.around_vertices(vertices, self.corners, self.rows, normals, sums, areas)
-        return normals, sums, areas
+        triangle [F + 1], mm^2; the last is 1, for what never stretches."""
+        normals = np.empty((self.count, 3), np.float32)
+        totals = np.empty((self.count + 1, 4), np.float32)
+        areas = np.empty(len(self.corners) + 1, np.float32)
+        kernels.around_vertices(vertices, self.corners, self.rows, totals, areas)
+        kernels.normalise(totals, normals)
+        return normals, totals[:-1, 3], areas
 
 
 class Placed(NamedTuple):
-    """Gaussians on the skin, but for what colours them."""
+    """Gaussians on the skin, but for their opacities."""
 
     means: Floats  # [N, 3] mm
-    quats: Floats  # [N, 4] wxyz, see facing
+    quats: Floats  # [N, 4] wxyz, see faced
     scales: Floats  # [N, 3] mm: flat, round in its plane
-    light: Floats  # [N, 4] linear red, green, blue on a white surface; shine
+    colors: Floats  # [N, 3] stored, 0..1
 
 
 @dataclass(frozen=True)
 class Still:
     """What follows from a person at rest; the neck, teeth and scalp keep it when the face moves."""
 
-    quats: Floats  # [U, 4] see facing
-    parts: Floats  # [U, 8] see Lighting.parts
+    normals: Floats  # [U - L, 3] unit
+    parts: Floats  # [U - L, 8] see Lighting.parts
     sums: Floats  # [L] twice the area around each live vertex
-    widths: Floats  # [N] mm
+    widths: Floats  # [N] mm, at rest on the mean face where they follow a triangle
 
 
 @dataclass(frozen=True)
@@ -85,11 +89,12 @@ class Surface:
     def still(self, vertices: Floats, lights: Lighting = STUDIO) -> Still:  # [V, 3] mm
         """Prepare a person; vertices are those of the face at rest."""
         normals, _, areas = self.whole.normals(vertices)
+        widths = self.scales * stretched(areas.take(self.triangle), self.rest_areas)
         return Still(
-            facing(normals),
-            lights.parts(normals),
+            normals[self._quiet],
+            lights.parts(normals[self._quiet]),
             self.face.normals(vertices)[1],
-            self.scales * stretched(areas.take(self.triangle), self.rest_areas),
+            np.where(self.live_triangle < 0, widths, self.scales),
         )
 
     def place(
@@ -97,31 +102,61 @@ class Surface:
         vertices: Floats,  # [V, 3] mm
         seen: Floats,  # [2, U] shares of the sky and of the key light
         still: Still,
+        reflected: Floats,  # [N, 3] linear albedo
         out: Placed,  # filled
         lights: Lighting = STUDIO,
     ) -> None:
         """The anchored Gaussians of a posed face."""
-        normals, sums, areas = self.face.normals(vertices)
-        quats, parts = still.quats.copy(), still.parts.copy()
-        kernels.face(normals, self.live, BEHIND, quats)
-        lights.renew(normals, self.live, self.flush(sums, still.sums), parts)
-        light = lighting.shaded(parts, self.shine, seen)
-        kernels.widen(
-            *(areas, self.live_triangle, self.rest_areas, self.scales, still.widths),
-            *(*STRETCH, FLATNESS, out.scales),
-        )
-        corners, rows, weights = self._anchors
+        carried, areas = self.carried(vertices, seen, still, lights)
+        rows, weights, triangles, rest_areas = self._anchors
         kernels.ride(
-            *(vertices, quats, light, corners, rows, weights),
-            *(out.means, out.quats, out.light),
+            *(carried, rows, weights, areas, triangles, rest_areas, still.widths, reflected),
+            *(*STRETCH, FLATNESS, *out),
+        )
+
+    def carried(
+        self, vertices: Floats, seen: Floats, still: Still, lights: Lighting = STUDIO
+    ) -> tuple[Floats, Floats]:
+        """What Gaussians take from each used vertex [U, 10], see `kernels.ride`: light on a white
+        surface is at LIGHT; and the areas of the triangles of `face` [F + 1], mm^2."""
+        normals, sums, areas = self.face.normals(vertices)
+        parts = lights.parts(normals, self.flush(sums, still.sums))
+        out = np.empty((len(self.used), 10), np.float32)
+        for rows, turned, lit in (
+            (self.live, normals, parts),
+            (self._quiet, still.normals, still.parts),
+        ):
+            kernels.carry(
+                *(vertices, self.used, rows, turned, lit, self.shine, seen),
+                *(lighting.BOUNCE, BEHIND, out),
+            )
+        return out, areas
+
+    def take(self, rows: NDArray[np.intp]) -> "Surface":
+        """Some of the anchors, in this order."""
+        return replace(
+            self,
+            interpolate=self.interpolate[rows],
+            triangle=self.triangle[rows],
+            live_triangle=self.live_triangle[rows],
+            rest_areas=self.rest_areas[rows],
+            scales=self.scales[rows],
         )
 
     @cached_property
-    def _anchors(self) -> tuple[Ints, Ints, Floats]:  # [N, 3] each
-        """Vertices around the anchors, their rows of `used`, and their shares."""
-        rows = self.interpolate.indices.reshape(-1, 3).astype(np.int32)
+    def _quiet(self) -> Ints:  # [U - L]
+        """Rows of `used` that are not live."""
+        return np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
+
+    @cached_property
+    def _anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
+        """Rows of `used` around the anchors [N, 3] and their shares [N, 3]; the triangles of
+        `face` that their widths follow [N] and these areas at rest [N]: 1 for what is still."""
+        rows = self.interpolate.indices.reshape(-1, 3).astype(np.uint16)
         weights = self.interpolate.data.reshape(-1, 3).astype(np.float32)
-        return self.used[rows], rows, weights
+        follows = self.live_triangle >= 0
+        triangles = np.where(follows, self.live_triangle, len(self.face.corners)).astype(np.uint16)
+        return rows, weights, triangles, np.where(follows, self.rest_areas, np.float32(1))
 
     def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [L, 3]
         """Gain of linear light: stretched skin pales, pressed skin darkens and reddens."""
@@ -177,29 +212,23 @@ def build(
 def _around(faces: Ints, drawn: Ints, vertices: Ints, count: int) -> tuple[Around, Ints]:
     """The drawn triangles around vertices; and which of them each triangle [F] is, else -1."""
     chosen = drawn[np.isin(faces[drawn], vertices).any(1)]
-    near = np.ascontiguousarray(faces[chosen], np.int32)
-    row_of = np.full(count, -1, np.int32)
+    near = np.ascontiguousarray(faces[chosen], np.uint16)
+    row_of = np.full(count, len(vertices), np.uint16)
     row_of[vertices] = np.arange(len(vertices))
     place = np.full(len(faces), -1, np.int32)
     place[chosen] = np.arange(len(chosen))
     return Around(near, row_of[near], len(vertices)), place
 
 
-def facing(normals: Floats) -> Floats:  # [n, 3] unit -> [n, 4] wxyz
-    """The shortest turn from z to the normal; a splat is round in its plane, so it suffices.
-
-    Linear in the normal, so what is mixed of such turns is the turn of the mixed normal.
-    """
-    quats = np.empty((len(normals), 4), np.float32)
-    kernels.face(normals, np.arange(len(normals), dtype=np.int32), BEHIND, quats)
-    return quats
-
-
 def faced(quats: Floats) -> Floats:  # [n, 4] -> [n, 3]
-    """The normals that `facing` was given."""
+    """The normals that a splat's turn was made from.
+
+    It is the shortest turn from z to the normal (a splat is round in its plane, so it suffices):
+    linear in the normal, so what is mixed of such turns is the turn of the mixed normal.
+    """
     return np.stack([quats[:, 2], -quats[:, 1], quats[:, 0] - BEHIND], 1)
 
 
 def stretched(areas: Floats, rest_areas: Floats) -> Floats:
-    """How far widths follow their triangles; `kernels.widen` does it to those that move."""
+    """How far widths follow their triangles; `kernels.ride` does it to those that move."""
     return np.clip(np.sqrt(areas / rest_areas), *STRETCH)

@@ -52,7 +52,8 @@ class View:
     """One reference picture and everything needed to draw it with Gaussians."""
 
     camera: Camera
-    placed: surface.Placed
+    placed: surface.Placed  # without colours
+    light: Floats  # [N, 4] linear red, green, blue on a white surface; shine
     stretch: Floats  # [N] of the widths
     picture: Floats  # [H, W, 3] 0..1
 
@@ -116,12 +117,13 @@ class Studio:
         )
         still = self.surface.still(vertices, lights)
         light_seen = seen[self.surface.used].T.copy()
-        placed = surface.Placed(
-            *(np.empty((len(still.widths), k), np.float32) for k in (3, 4, 3, 4))
-        )
-        self.surface.place(vertices, light_seen, still, placed, lights)
+        black = np.zeros((len(still.widths), 3), np.float32)
+        placed = surface.Placed(*(np.empty((len(black), k), np.float32) for k in (3, 4, 3, 3)))
+        self.surface.place(vertices, light_seen, still, black, placed, lights)
+        carried, _ = self.surface.carried(vertices, light_seen, still, lights)
+        light = self.surface.interpolate @ carried[:, surface.LIGHT]
         stretch = placed.scales[:, 0] / self.surface.scales
-        return View(camera, placed, stretch, picture.astype(np.float32) / np.float32(255))
+        return View(camera, placed, light, stretch, picture.astype(np.float32) / np.float32(255))
 
 
 def crop(camera: Camera, rng: np.random.Generator) -> Camera:
@@ -138,7 +140,7 @@ def crop(camera: Camera, rng: np.random.Generator) -> Camera:
 def draw(view: View, levels: Floats, widths: Tensor, opacities: Tensor, mixing: Tensor):
     """The view's Gaussians as a picture [H, W, 3] and the number of pairs."""
     albedo = torch.einsum("nl,nlc->nc", mixing, torch.from_numpy(levels)).clamp(0, 1)
-    light = torch.from_numpy(view.placed.light)
+    light = torch.from_numpy(view.light)
     colors = torch.sqrt((albedo * albedo * light[:, :3] + light[:, 3:]).clamp(1e-6, 1))
     normals = surface.faced(view.placed.quats)
     normals = normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9)

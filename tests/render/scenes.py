@@ -3,6 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from render.surface import BEHIND
 from render.types import Gaussians
 
 
@@ -66,3 +67,9 @@ def psnr_db(picture: NDArray, expected: NDArray) -> float:
     """Peak signal-to-noise ratio of 8-bit values, in dB; 99 if equal."""
     error = np.mean((picture.astype(np.float64) - expected.astype(np.float64)) ** 2)
     return 99.0 if error == 0.0 else float(10.0 * np.log10(255.0**2 / error))
+
+
+def facing(normals: np.ndarray) -> np.ndarray:  # [n, 3] unit -> [n, 4] wxyz
+    """The shortest turn from z to the normal, as the decoder gives it; see surface.faced."""
+    x, y, z = normals.T
+    return np.stack([z + BEHIND, -y, x, 0 * z], 1).astype(np.float32)

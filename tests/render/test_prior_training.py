@@ -7,10 +7,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from scenes import facing
 
 from render import atlas, networks, textures
 from render.cameras import portrait
-from render.surface import Placed, facing
+from render.surface import Placed
 from render.training import fit, learn, prior, teeth
 from render.training.resume import write
 
@@ -43,7 +44,7 @@ class Studio:
         light = np.tile(np.array([1, 1, 1, 0], np.float32), (COUNT, 1))
         ahead = facing(np.tile(np.array([[0, 0, 1]], np.float32), (COUNT, 1)))
         picture = np.full((48, 48, 3), 0.3 + 0.4 * (index // 2), np.float32)
-        return fit.View(portrait(48, 48), Placed(means, ahead, means, light), ones, picture)
+        return fit.View(portrait(48, 48), Placed(means, ahead, means, means), light, ones, picture)
 
 
 def test_the_fit_goes_on_where_it_stopped(tmp_path: Path):
