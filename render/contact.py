@@ -48,6 +48,13 @@ class Line:
         below, above = height < np.interp(across, x, top), height > np.interp(across, x, bottom)
         return (across > x[0]) & (across < x[-1]) & below & above
 
+    def bareness(self, vertices: Floats, point: Floats) -> float:  # [V, 3], [3] -> mm
+        """How far inside the opening a point is as seen from the front; below zero: covered."""
+        x, y = np.float32(point[0]), float(point[1])
+        top = posing_kernels.height_at(vertices, self.upper, x)
+        bottom = posing_kernels.height_at(vertices, self.lower, x)
+        return min(float(top) - y, y - float(bottom))
+
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
         posing_kernels.move_apart(vertices, self.members, self.share, *self._between, by)

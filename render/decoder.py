@@ -28,6 +28,7 @@ KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 CORNEA_MM, CORNEA_RADIUS_MM = np.array([1.11, 0.07, 8.68], np.float32), 9.0  # from the eye's centre
 HIGHLIGHT_MM, HIGHLIGHT_OPACITY = 0.5, 0.85
+LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
 MOUTH_OPENS_MM = 0.4  # gap of the lips at which the inside of the mouth is drawn in full
 Floats = NDArray[np.float32]
 
@@ -157,8 +158,10 @@ class Decoder:
         for eye, side in enumerate((1, -1)):
             cornea = turn(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
             means[count + eye] = identity.eye_centers[eye] + cornea + CORNEA_RADIUS_MM * HALF
-        quats[shine], scales[shine] = (1, 0, 0, 0), HIGHLIGHT_MM
-        opacities[shine], colors[shine] = HIGHLIGHT_OPACITY, 1
+            bare = self.posing.lid_lines[eye].bareness(vertices, means[count + eye])
+            share = min(max((bare - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM), 0.0), 1.0)
+            opacities[count + eye] = HIGHLIGHT_OPACITY * share
+        quats[shine], scales[shine], colors[shine] = (1, 0, 0, 0), HIGHLIGHT_MM, 1
 
         rest = slice(count + 2, total)
         means[rest], quats[rest], scales[rest] = hair.means, hair.quats, hair.scales

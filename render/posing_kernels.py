@@ -108,3 +108,19 @@ def turn_eye(
         for k in range(3):
             turned = rotation[k, 0] * x + rotation[k, 1] * y + rotation[k, 2] * z
             out[v, k] = turned + center[k]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def height_at(
+    vertices: Floats,  # [V, 3] mm
+    members: Ints,  # [P] vertices along a line
+    x: np.float32,  # mm
+) -> np.float32:  # mm: the height of the line there, of those within about half a millimetre
+    height = total = np.float32(0)
+    for member in members:
+        v = np.uintp(member)
+        apart = vertices[v, 0] - x
+        near = np.float32(1) / (apart * apart + np.float32(0.3))
+        height += near * near * vertices[v, 1]
+        total += near * near
+    return height / total

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render import identity, posing
-from render.decoder import Decoder
+from render.decoder import HIGHLIGHT_OPACITY, Decoder
 from render.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
 from render.sheet import gaze
 from render.types import AHEAD
@@ -100,6 +100,34 @@ def test_the_highlight_stays_on_the_cornea(decoder):
         distance = np.linalg.norm(spots - who.eye_centers, axis=1)
         assert (abs(distance - 16.5) < 1.6).all()
     assert posing.turn(AHEAD[0]).shape == (3, 3)
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_a_lid_covers_the_highlight(decoder, name):
+    """It lies before the cornea, and so before the lid that slides over it."""
+    who = identity.load(name)
+    shares = []
+    for blink in np.linspace(0, 1, 21):
+        rig = rig_of(decoder, eyeBlink_L=blink, eyeBlink_R=blink)
+        _, cloud = decoder.decode(decoder.encode(rig), AHEAD, who)
+        shares.append(cloud.opacities[len(who.albedo) : len(who.albedo) + 2] / HIGHLIGHT_OPACITY)
+    shares = np.array(shares)
+    assert shares[0].min() > 0.5 and shares[12:].max() == 0
+    assert (np.diff(shares, axis=0) <= 0).all()
+
+
+def test_the_highlight_fades_where_the_edge_of_the_lid_is(decoder):
+    who = identity.load("kofi")
+    for looking, blink in ((AHEAD, 0.28), (gaze(20, 0), 0.28), (gaze(0, -12), 0.5)):
+        rig = rig_of(decoder, eyeBlink_L=blink, eyeBlink_R=blink)
+        mesh, cloud = decoder.decode(decoder.encode(rig), looking, who)
+        for eye, line in enumerate(decoder.posing.lid_lines):
+            spot = cloud.means[len(who.albedo) + eye]
+            edge = mesh.vertices[line.upper]
+            near = edge[np.argsort(np.abs(edge[:, 0] - spot[0]))[:4], 1].mean()
+            bare = near - spot[1]
+            share = cloud.opacities[len(who.albedo) + eye] / HIGHLIGHT_OPACITY
+            assert share == pytest.approx(np.clip((bare + 0.3) / 0.9, 0, 1), abs=0.35)
 
 
 def test_the_inside_of_a_closed_mouth_is_not_drawn(decoder):
