@@ -6,6 +6,7 @@ of pairs (`encoder.training.eye_pictures` reads them); finished ones are not mad
 
 import multiprocessing
 import os
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,13 +15,17 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from encoder.capture.dataset import Clip
+    from render.near_eye_look import Look
 
 Floats = NDArray[np.float32]
 SIZE_PX = 200  # four times as many as at 400, and the encoder sees means of 100 x 100
 # Many people in as many headsets: what an encoder has to learn is where the camera of somebody new
 # sits, which tells the gaze's height; more moments of one person teach it little.
 PEOPLE_A_FILE, PAIRS_A_PERSON = 40, 6
-FREE_SHARE = 0.5  # of moments that are drawn anew: rare gazes, half-shut lids, brows
+FREE_SHARE = 0.4  # of moments that are drawn anew: rare gazes, winks, brows
+# Of moments amid a blink. Clips hold so few that a lid on its way was read .1 too open (measured).
+BLINK_SHARE = 0.17
+DARK_SHARE = 0.15  # of people with thick dark lashes, behind which a lid's edge is hard to see
 
 
 def draw_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str, Any]:
@@ -72,7 +77,9 @@ def _file(job: tuple[Path, int, list[str], tuple[int, int]]) -> float:
     rows: dict[str, list[Any]] = {k: [] for k in ("pictures", "gaze", "lids", "rig", "subject")}
     clips = list(dataset.read_shard(folder / shards[rng.integers(len(shards))]))
     for person in range(PEOPLE_A_FILE):
-        wearer = _renderer.wear(varied(people, rng), Look.draw(rng), rng)
+        look = Look.draw(rng)
+        look = _dark_lashed(look, rng) if rng.random() < DARK_SHARE else look
+        wearer = _renderer.wear(varied(people, rng), look, rng)
         for _ in range(PAIRS_A_PERSON):
             rig, gaze = _moment(clips[rng.integers(len(clips))], rng)
             pair = _renderer.draw(wearer, rig, gaze, rng)
@@ -107,11 +114,40 @@ def _upper_face(rig: Floats) -> Floats:  # [53] -> [2, 7]
     return np.array([[rig[RIG_INDEX[f"{name}_{s}"]] for name in RIG] for s in "LR"], np.float32)
 
 
+def _dark_lashed(look: "Look", rng: np.random.Generator) -> "Look":
+    return replace(
+        look,
+        lash_shade=rng.uniform(0.02, 0.06),
+        lash_length=rng.uniform(7.5, 10.5),
+        lash_width=rng.uniform(0.17, 0.24),
+        lashes=int(rng.integers(90, 130)),
+    )
+
+
 def _moment(clip: "Clip", rng: np.random.Generator) -> tuple[Floats, Floats]:
-    """A frame of a clip, or a face whose eyes do anything: rig [53], gaze [2, 3]."""
-    t = int(rng.integers(clip.num_frames))
+    """A frame of a clip, perhaps amid a blink, or a face whose eyes do anything.
+
+    Returns rig [53], gaze [2, 3].
+    """
+    t, kind = int(rng.integers(clip.num_frames)), rng.random()
     rig, gaze = clip.rig[t].astype(np.float32), clip.gaze[t].astype(np.float32)
-    return (rig, _any_eyes(rig, rng)) if rng.random() < FREE_SHARE else (rig, gaze)
+    if kind < FREE_SHARE:
+        gaze = _any_eyes(rig, rng)
+    elif kind < FREE_SHARE + BLINK_SHARE:
+        _blink(rig, min(rng.uniform(0.15, 1.25), 1))
+    return rig, gaze
+
+
+def _blink(rig: Floats, lid: float) -> None:
+    """Shut the eyes of `rig` [53] by `lid` 0..1, with what the rules of motion move beside it."""
+    from encoder.capture.channels import RIG_INDEX
+
+    for side in "LR":
+        shut = RIG_INDEX[f"eyeBlink_{side}"]
+        rig[shut] = max(rig[shut], lid)
+        for name, share in (("eyeSquint", 0.25), ("browDown", 0.2)):
+            column = RIG_INDEX[f"{name}_{side}"]
+            rig[column] = min(rig[column] + share * lid, 1)
 
 
 def _any_eyes(rig: Floats, rng: np.random.Generator) -> Floats:
