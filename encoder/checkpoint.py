@@ -1,7 +1,8 @@
 """Weights on disk: tensors in safetensors, everything else in a JSON card beside them.
 
 The card says what the tensors are (kind), the config that rebuilds the model, and a hash of the
-tensors, so that a wrong, cut or altered file is an error before anything runs.
+tensors, so that a wrong, cut or altered file is an error before anything runs. Matrices may lie
+there as int8 with a scale a row, just as the live path multiplies them.
 """
 
 from __future__ import annotations
@@ -14,12 +15,15 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from encoder.onnx_graph import MIN_INT8_INPUTS
 from sensors.types import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor
 
 FORMAT = 1
+SCALE = ".int8_scale"  # of the matrix whose name stands before it
+MAX_ROUNDING = 0.02  # of a matrix's norm; rows of even size lose less than 0.01
 KINDS = ("audio", "centred", "heads", "diffusion", "student", "eyes", "emotion")
 Config = TypeVar("Config")
 
@@ -32,6 +36,42 @@ def tensors_sha256(tensors: Mapping[str, Tensor]) -> str:
         digest.update(f"{name} {array.dtype} {array.shape}\n".encode())
         digest.update(array.tobytes())
     return digest.hexdigest()
+
+
+def quantised(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Matrices [rows, ...] as int8 and a scale [rows] beside them, each as the int8 path has it.
+
+    Small ones, and those that int8 would change by more than MAX_ROUNDING, stay float16.
+    """
+    import torch
+
+    result: dict[str, Tensor] = {}
+    for name, tensor in tensors.items():
+        if not tensor.is_floating_point() or tensor.ndim < 2:
+            result[name] = tensor
+            continue
+        rows = tensor.float().flatten(1)
+        scale = rows.abs().amax(1).clamp(min=1e-12) / 127
+        rounded = (rows / scale[:, None]).round()
+        error = float((rounded * scale[:, None] - rows).norm() / rows.norm().clamp(min=1e-12))
+        if rows.shape[1] < MIN_INT8_INPUTS or error > MAX_ROUNDING:
+            result[name] = tensor.half()
+        else:
+            result[name] = rounded.to(torch.int8).reshape(tensor.shape)
+            result[name + SCALE] = scale
+    return result
+
+
+def dequantised(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """The inverse of `quantised`, up to its rounding; other tensors stay as they are."""
+    result: dict[str, Tensor] = {}
+    for name, tensor in tensors.items():
+        scale = tensors.get(name + SCALE)
+        if scale is not None:
+            tensor = tensor * scale.reshape(-1, *[1] * (tensor.ndim - 1))
+        if not name.endswith(SCALE):
+            result[name] = tensor
+    return result
 
 
 def save(path: Path | str, tensors: Mapping[str, Tensor], card: Mapping[str, Any]) -> None:
@@ -80,7 +120,10 @@ def load(path: Path | str, *kinds: str) -> tuple[dict[str, Tensor], dict[str, An
         raise fail(f"kind {' or '.join(map(repr, kinds))}", repr(card.get("kind")))
     if card.get("sha256") != tensors_sha256(tensors):
         raise fail("the tensors that the card was written for", "others")
-    return tensors, card
+    try:
+        return dequantised(tensors), card
+    except RuntimeError as error:
+        raise fail("a scale for each row of an int8 matrix", error) from error
 
 
 def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:

@@ -171,7 +171,7 @@ def write(
         "steps": config.steps,
         **trained,
     }
-    checkpoint.save(config.output, loop.halved(encoder.state_dict()), card)
+    checkpoint.save(config.output, checkpoint.quantised(encoder.state_dict()), card)
     width = heads.norm.weight.shape[0]
     card = {"kind": "heads", "config": {"width": width}}
     checkpoint.save(config.heads, loop.halved(heads.state_dict()), card)

@@ -267,7 +267,7 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
             "steps": config.steps,
             **config.run.card(metrics, curve),
         }
-        checkpoint.save(config.output, loop.halved(fold_gaze(student).state_dict()), facts)
+        checkpoint.save(config.output, checkpoint.quantised(fold_gaze(student).state_dict()), facts)
     parallel.wait(ranks)
     return metrics
 

@@ -262,5 +262,5 @@ def run(config: MultimodalConfig, face: Face) -> dict[str, float]:
         **config.run.card(metrics, curve),
     }
     tensors = {k: v for k, v in model.state_dict().items() if k.startswith(config.learned)}
-    checkpoint.save(config.output, loop.halved(tensors), facts)
+    checkpoint.save(config.output, checkpoint.quantised(tensors), facts)
     return metrics

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 import torch
 
-from encoder.checkpoint import config_from, load, save
+from encoder.checkpoint import SCALE, config_from, load, quantised, save
 from encoder.denoiser import PRESETS, Denoiser, DenoiserConfig
 from sensors.types import InputError
 
@@ -78,3 +78,33 @@ def test_unknown_config_key_names_the_close_one(tmp_path: Path) -> None:
     card["config"]["windw"] = card["config"].pop("window")
     with pytest.raises(InputError, match="'windw'; did you mean window"):
         config_from(DenoiserConfig, card["config"])
+
+
+def matrices() -> dict[str, torch.Tensor]:
+    even = torch.randn(8, 64, 3, generator=torch.Generator().manual_seed(0))
+    uneven = even.flatten(1).clone()
+    uneven[:, -1] *= 100
+    return {"even": even, "uneven": uneven, "short": even[:, :8, 0], "vector": even[:, 0, 0]}
+
+
+def test_int8_matrices_come_back_nearly_and_are_not_rounded_twice(tmp_path: Path) -> None:
+    tensors, card = matrices(), {"kind": "student", "config": {}}
+    stored = quantised(tensors)
+    kinds = {name: tensor.dtype for name, tensor in stored.items()}
+    assert kinds["even"] is torch.int8 and kinds["vector"] is torch.float32
+    assert kinds["uneven"] is kinds["short"] is torch.float16
+    save(tmp_path / "student", stored, card)
+    read, _ = load(tmp_path / "student", "student")
+    assert read.keys() == tensors.keys()
+    for name, tensor in tensors.items():
+        assert (read[name] - tensor).norm() < 0.01 * tensor.norm(), name
+    again = quantised(read)
+    assert all(torch.equal(again[name], stored[name]) for name in stored)
+
+
+@pytest.mark.parametrize("scale", [torch.ones(7), torch.ones(8, 2)])
+def test_int8_without_a_scale_for_each_row_is_an_input_error(tmp_path: Path, scale) -> None:
+    stored = quantised(matrices()) | {"even" + SCALE: scale}
+    save(tmp_path / "student", stored, {"kind": "student", "config": {}})
+    with pytest.raises(InputError, match="scale for each row"):
+        load(tmp_path / "student", "student")

@@ -115,6 +115,20 @@ def test_onnx_equals_torch_for_300_frames(audio_config: AudioEncoderConfig) -> N
     assert error[-50:].mean() < 1.5 * error[25:75].mean()  # and it does not grow
 
 
+def test_a_condition_of_other_size_costs_the_rest_no_precision() -> None:
+    """Plain gaze has weights ten times the others': one int8 scale for all would drown those."""
+    encoder, denoiser = models()
+    with torch.no_grad():
+        denoiser.input.weight[:, -6:] *= 100
+        denoiser.input.bias -= denoiser.input.weight[:, -6:] @ torch.tensor([0, 0, 1.0] * 2)
+    found = {
+        name: drive(Driver(create_backend(encoder, denoiser, name), denoiser), sound(60))[0]
+        for name in ("onnx", "onnx-int8")
+    }
+    error = np.linalg.norm(found["onnx-int8"] - found["onnx"], axis=1)
+    assert error.mean() < 0.05 * np.linalg.norm(found["onnx"], axis=1).mean()
+
+
 def test_streaming_equals_the_whole_sequence() -> None:
     """300 ticks against one offline pass of the modules: features, noise, mask, standardisation."""
     from encoder.alignment import AudioFeatures
