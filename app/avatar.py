@@ -45,6 +45,8 @@ class Show:
     """Instead: the widest dimensions of the code, from -2 to 2 deviations."""
     background: str = "grey"
     """Behind the head: grey, white, green, transparent or #rrggbb."""
+    gaussians: Literal["16k", "32k"] = "32k"
+    """On the head, without its hair."""
     stereo: bool = False
     """Both eyes of someone before the head, side by side, the left eye's picture on the left."""
 
@@ -78,7 +80,7 @@ class Show:
         else:
             names = identity.names() if self.name == "all" else [self.name]
             people = [identity.load(name) for name in names]
-            decoder, renderer = Decoder.load(), create_renderer()
+            decoder, renderer = Decoder.load(gaussians=self.gaussians), create_renderer()
             make = sheet.traversals if self.traverse else sheet.avatar
             views = [view for who in people for view in make(decoder, who, shoot)]
         columns = 3 if self.name != "all" else len(sheet.POSES)

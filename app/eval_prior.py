@@ -121,6 +121,7 @@ def held_out(judge: "Judge", command: EvalPrior) -> tuple[dict[str, float], list
             mask = judge.face_mask(who, truth, camera)
             code = judge.encode(who, truth, light)
             vertices, picture = judge.picture(who, code, gaze, camera)
+            _, sparse = judge.picture(who, code, gaze, camera, sparse=True)
             error = prior_metrics.distances(vertices, truth)
             for name, value in (
                 ("vertex_error_mean_mm", error[used].mean()),
@@ -128,6 +129,8 @@ def held_out(judge: "Judge", command: EvalPrior) -> tuple[dict[str, float], list
                 ("vertex_error_eyelids_mm", error[face.regions["eyelids"]].mean()),
                 ("face_psnr_db", prior_metrics.psnr_db(picture, reference, mask)),
                 ("face_ssim", prior_metrics.ssim(picture, reference, mask)),
+                ("face_psnr_16k_db", prior_metrics.psnr_db(sparse, reference, mask)),
+                ("face_ssim_16k", prior_metrics.ssim(sparse, reference, mask)),
             ):
                 found.setdefault(name, []).append(float(value))
             difference = 4 * np.abs(picture.astype(int) - reference) * mask[..., None]
@@ -138,7 +141,7 @@ def held_out(judge: "Judge", command: EvalPrior) -> tuple[dict[str, float], list
             yaw, pitch = rng.uniform(-20, 20), rng.uniform(-12, 12)
             found.setdefault("gaze_error", []).append(judge.gaze_error_deg(who, yaw, pitch))
     metrics = {name: float(np.mean(values)) for name, values in found.items() if "_error_" in name}
-    metrics |= {name: float(np.mean(found[name])) for name in ("face_psnr_db", "face_ssim")}
+    metrics |= {name: float(np.mean(found[name])) for name in found if name.startswith("face_")}
     metrics["face_psnr_worst_db"] = min(found["face_psnr_db"])
     metrics["face_ssim_worst"] = min(found["face_ssim"])
     metrics["gaze_error_worst_deg"] = max(found["gaze_error"])
@@ -241,15 +244,18 @@ def cost(judge: "Judge") -> dict[str, float]:
     from render.judge import weights_mb
     from render.types import AHEAD
 
-    decoder, who = judge.decoder, identity.load(identity.names()[0])
-    rng = np.random.default_rng(0)
-    times = []
-    for _ in range(TIMED_FRAMES):
-        code = decoder.sample(rng)
-        start = time.process_time()
-        decoder.decode(code, AHEAD, who)
-        times.append(1e3 * (time.process_time() - start))
-    return {"decode_cpu_ms": float(np.median(times)), "weights_mb": weights_mb()}
+    who = identity.load(identity.names()[0])
+    metrics = {"weights_mb": weights_mb()}
+    for name, decoder in (("decode_cpu_ms", judge.decoder), ("decode_16k_cpu_ms", judge.sparse)):
+        rng = np.random.default_rng(0)
+        times = []
+        for _ in range(TIMED_FRAMES):
+            code = decoder.sample(rng)
+            start = time.process_time()
+            decoder.decode(code, AHEAD, who)
+            times.append(1e3 * (time.process_time() - start))
+        metrics[name] = float(np.median(times))
+    return metrics
 
 
 def round_trip(judge: "Judge", take: Path) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render import kernels, weights_file
+from render import density, kernels, weights_file
 from render.coding import EXPRESSION_DIM, Coding
 from render.identity import Identity
 from render.light_decoder import LightNet
@@ -53,7 +53,7 @@ class Decoder:
     surface: Surface
     light: LightNet
     read: csr_array  # [U, texels] map of the light decoder -> used vertices
-    rows: NDArray[np.intp]  # [N] where an identity keeps what it knows of these Gaussians
+    reads: csr_array  # [N, M] values of the M Gaussians an identity knows -> of those drawn
     opacities: Floats  # [N]
     interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]
@@ -61,18 +61,13 @@ class Decoder:
     _known: "WeakKeyDictionary[Identity, Known]"
 
     @classmethod
-    def load(cls, folder: Path = weights_file.FOLDER) -> "Decoder":
+    def load(
+        cls, folder: Path = weights_file.FOLDER, gaussians: density.Preset = "32k"
+    ) -> "Decoder":
         """Read the prior's weights; raise InputError when they are missing or damaged."""
         from render.prior_file import load
 
-        made = load(folder)
-        # Neighbours together: what they read of the mesh is at hand.
-        corners = made["surface"].interpolate.indices.reshape(-1, 3)
-        rows = np.argsort(corners.min(1), kind="stable")
-        made["surface"] = made["surface"].take(rows)
-        made["opacities"] = made["opacities"][rows]
-        made["interior"] = np.flatnonzero(np.isin(rows, made["interior"]))
-        return cls(**made, rows=rows, _known=WeakKeyDictionary())
+        return cls(**load(folder, gaussians), _known=WeakKeyDictionary())
 
     @property
     def to_code(self) -> Floats:
@@ -177,8 +172,8 @@ class Decoder:
                 biases,
                 self.light(neutral, biases),
                 self.surface.still(identity.geometry),
-                (identity.albedo * identity.albedo)[self.rows],
-                self.opacities * identity.shown[self.rows],
+                (self.reads @ identity.albedo) ** 2,
+                self.opacities * (self.reads @ identity.shown),
             )
             self._known[identity] = known
         return known

@@ -137,9 +137,17 @@ class Judge:
         coding = self.decoder.coding
         return rig @ coding.to_code + free[0].numpy() @ coding.free
 
-    def picture(self, who: Subject, code: Floats, gaze: Floats, camera: Camera):  # type: ignore[no-untyped-def]
+    @cached_property
+    def sparse(self) -> Decoder:
+        """The decoder of half as many Gaussians."""
+        return Decoder.load(gaussians="16k")
+
+    def picture(  # type: ignore[no-untyped-def]
+        self, who: Subject, code: Floats, gaze: Floats, camera: Camera, sparse: bool = False
+    ):
         """Decoded vertices and the picture of the Gaussians [H, W, 3]."""
-        mesh, cloud = self.decoder.decode(code, gaze, who.identity)
+        decoder = self.sparse if sparse else self.decoder
+        mesh, cloud = decoder.decode(code, gaze, who.identity)
         self._splats.draw(cloud, camera)
         return mesh.vertices, self._splats.read_rgba()[..., :3].copy()
 

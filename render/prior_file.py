@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, diags_array
+from scipy.sparse import csr_array, diags_array, eye_array
 
-from render import atlas, surface, weights_file
+from render import atlas, density, surface, weights_file
 from render.coding import Coding
 from render.contact import Line
 from render.cover import bared, cover
@@ -24,13 +24,15 @@ INTERIOR = ("teeth", "gums_tongue", "mouth_socket")
 Tensors = dict[str, NDArray[Any]]
 
 
-def load(folder: Path) -> dict[str, Any]:
+def load(folder: Path, gaussians: density.Preset) -> dict[str, Any]:
     """The fields of render.decoder.Decoder."""
-    return parts(*weights_file.load(folder / "prior", KIND))
+    return parts(*weights_file.load(folder / "prior", KIND), gaussians)
 
 
-def parts(t: Tensors, card: dict[str, Any]) -> dict[str, Any]:
-    """The same from what was read."""
+def parts(
+    t: Tensors, card: dict[str, Any], gaussians: density.Preset | None = None
+) -> dict[str, Any]:
+    """The same from what was read; without a preset in the order of the file."""
     regions = {
         name.removeprefix("region_"): t[name].astype(np.int32)
         for name in t
@@ -47,10 +49,17 @@ def parts(t: Tensors, card: dict[str, Any]) -> dict[str, Any]:
         weights=t["anchor_weights"].astype(np.float32),
         widths=t["anchor_widths"].astype(np.float32),
     )
-    pose = posing(t, regions)
     opacities = t["anchor_opacities"].astype(np.float32) / np.float32(255)
+    kinds, reads = t["anchor_kinds"], csr_array(eye_array(len(opacities)), dtype=np.float32)
+    rows = np.arange(len(opacities))
+    if gaussians:
+        rows, reads, widths, opacities = density.choose(
+            head, template(t), kinds, opacities, gaussians
+        )
+        head = replace(head.take(rows), scales=widths)
+    pose = posing(t, regions)
     edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
-    widths, opacities = cover(head, opacities, t["anchor_kinds"], edges, pose, template(t))
+    widths, opacities = cover(head, opacities, kinds[rows], edges, pose, template(t))
     coding = Coding(
         *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
     )
@@ -62,7 +71,8 @@ def parts(t: Tensors, card: dict[str, Any]) -> dict[str, Any]:
         "light": LightNet.of(t),
         "read": read_map(t, head.used, pose),
         "opacities": opacities,
-        "interior": np.flatnonzero(t["anchor_inside"]),
+        "reads": reads,
+        "interior": np.flatnonzero(t["anchor_inside"][rows]),
         "faces": faces,
         "regions": regions,
     }

@@ -94,11 +94,10 @@ def test_colours_are_albedo_under_light(decoder, talking):
     sheen, gloss = surface.shine
     half = np.clip(normals @ lighting.HALF, 0.5, None)
     shine = (sheen * half**16 + gloss * half**64) * lit
-    albedo = who.albedo[decoder.rows] ** 2
+    albedo = (decoder.reads @ who.albedo) ** 2
     linear = albedo * (surface.interpolate @ light) + (surface.interpolate @ shine)[:, None]
     expected = np.sqrt(np.clip(linear, 0, 1))
     np.testing.assert_allclose(cloud.colors[: len(expected)], expected, atol=1e-4)
-    assert len(np.unique(decoder.rows)) == len(who.albedo)
 
 
 def test_neighbours_stand_together(decoder):
