@@ -18,6 +18,7 @@ Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]
 LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
 PUSH_PASSES = 2
+VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge: nowhere to be seen from the side
 
 
 @dataclass(frozen=True)
@@ -54,6 +55,18 @@ class Line:
         top = posing_kernels.height_at(vertices, self.upper, x)
         bottom = posing_kernels.height_at(vertices, self.lower, x)
         return min(float(top) - y, y - float(bottom))
+
+    def veil(
+        self,
+        vertices: Floats,  # [V, 3] mm
+        points: Floats,  # [N, 3] mm
+        rows: NDArray[np.intp],  # [n] the points behind the line
+        color: Floats,  # [3]
+        colors: Floats,  # [N, 3], changed in place
+    ) -> None:
+        """Give what the sides cover as seen from the front their colour: no cover is perfect."""
+        sides = vertices, self.upper, self.lower
+        posing_kernels.veil(points, rows, *sides, *VEILED_MM, color, colors)
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""

@@ -145,6 +145,8 @@ class Decoder:
         placed = Placed(means[:count], quats[:count], scales[:count], colors[:count])
         seen = self.seen(expression, identity)
         self.surface.place(vertices, seen, known.still, known.reflected, placed)
+        for line, eye, lids in zip(self.posing.lid_lines, *self._eyes, strict=True):
+            line.veil(vertices, placed.means, eye, placed.colors[lids].mean(0), placed.colors)
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
         opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
@@ -162,6 +164,21 @@ class Decoder:
         means[rest], quats[rest], scales[rest] = hair.means, hair.quats, hair.scales
         opacities[rest], colors[rest] = hair.opacities, hair.colors
         return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
+
+    @cached_property
+    def _eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
+        """Gaussians on each eyeball; on the lids before it."""
+        eyelids = self.regions["eyelids"]
+        left = np.isin(eyelids, self.posing.lids[0])
+        return (
+            [self._on(members) for members in self.eyeballs],
+            [self._on(members) for members in (eyelids[left], eyelids[~left])],
+        )
+
+    def _on(self, vertices: NDArray[np.int32]) -> NDArray[np.intp]:
+        """Gaussians on triangles of these vertices alone."""
+        share = self.surface.interpolate @ np.isin(self.surface.used, vertices).astype(np.float32)
+        return np.flatnonzero(share > 0.99)
 
     def _follows(self, identity: Identity) -> Known:
         known = self._known.get(identity)

@@ -11,6 +11,7 @@ Ints = NDArray[np.int32]
 
 LANES = 16  # vertices that are moved together
 WIDTH = 3 * LANES
+STATIONS = 24  # places across an eye where the edges of its lids are looked up
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -124,3 +125,35 @@ def height_at(
         height += near * near * vertices[v, 1]
         total += near * near
     return height / total
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def veil(
+    points: Floats,  # [N, 3] mm
+    rows: NDArray[np.intp],  # [n] of them
+    vertices: Floats,  # [V, 3] mm
+    upper: Ints,  # [P] vertices along the upper side of an opening, and ...
+    lower: Ints,  # [P] ... along the lower side
+    near: np.float32,  # mm behind the edge of a side up to which nothing changes
+    far: np.float32,  # mm from where all is veiled
+    color: Floats,  # [3]
+    colors: Floats,  # [N, 3], changed in place
+) -> None:
+    left = right = points[rows[0], 0]
+    for row in rows:
+        left, right = min(left, points[row, 0]), max(right, points[row, 0])
+    step = (right - left) / np.float32(STATIONS - 1)
+    top, bottom = np.empty(STATIONS, np.float32), np.empty(STATIONS, np.float32)
+    for k in range(STATIONS):
+        top[k] = height_at(vertices, upper, left + np.float32(k) * step)
+        bottom[k] = height_at(vertices, lower, left + np.float32(k) * step)
+    for row in rows:
+        place = (points[row, 0] - left) / step
+        k = min(int(place), STATIONS - 2)
+        part, y = place - np.float32(k), points[row, 1]
+        above = y - (top[k] + part * (top[k + 1] - top[k]))
+        below = bottom[k] + part * (bottom[k + 1] - bottom[k]) - y
+        share = (max(above, below) - near) / (far - near)
+        share = min(max(share, np.float32(0)), np.float32(1))
+        for c in range(3):
+            colors[row, c] += share * (color[c] - colors[row, c])

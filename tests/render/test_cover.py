@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from render import cameras, identity, prior_file, sheet, weights_file
+from render import cameras, contact, identity, prior_file, sheet, weights_file
 from render.cover import bared, spacing
 from render.decoder import Decoder
 from render.types import Camera, Gaussians
@@ -51,6 +51,38 @@ def test_a_shut_lid_hides_the_eye(decoder, tiles, name):
             pictures.append(tiles.read_rgba()[..., :3].astype(int))
         shines_through = np.abs(pictures[1] - pictures[0]).max(2) / 255
         assert np.quantile(shines_through, 0.99) < 0.22
+
+
+def test_what_a_lid_covers_takes_its_colour(decoder):
+    """A fifth of the eye shines through a shut lid: as skin."""
+    who = identity.load("kofi")
+    shut, opened = (sheet.posed(decoder, who, pose).colors for pose in ("blink", "neutral"))
+    skin = np.isin(decoder.surface.used, decoder.regions["eyelids"]).astype(np.float32)
+    lids = shut[: len(decoder.opacities)][decoder.surface.interpolate @ skin > 0.99]
+    for eyeball, line in zip(decoder.eyeballs, decoder.posing.lid_lines, strict=True):
+        members = np.isin(decoder.surface.used, eyeball).astype(np.float32)
+        eye = np.flatnonzero(decoder.surface.interpolate @ members > 0.99)
+        places = (decoder.surface.interpolate @ who.geometry[decoder.surface.used])[eye]
+        shows = eye[line.parted(who.geometry, places) & (places[:, 2] > places[:, 2].mean())]
+        assert np.ptp(opened[shows].mean(1)) > 0.5 and len(shows) > 200  # pupil and white
+        assert np.median(np.abs(shut[shows] - lids.mean(0))) < 0.03
+
+
+@pytest.mark.parametrize("yaw, pitch", [(0, 0), (-60, 0), (35, 0), (0, 20), (0, -20)])
+def test_no_view_shows_skin_on_an_eye(decoder, tiles, monkeypatch, yaw, pitch):
+    who, pictures = identity.load("kofi"), []
+    camera = near(who, 1)
+    turned = cameras.portrait(
+        SIZE_PX, SIZE_PX, yaw, pitch, target_mm=tuple(who.eye_centers[1].tolist())
+    )
+    for edges in (contact.VEILED_MM, (np.float32(1e3), np.float32(2e3))):  # with and without
+        monkeypatch.setattr(contact, "VEILED_MM", edges)
+        for looking in (sheet.gaze(20, 0), sheet.gaze(-20, 10)):
+            cloud = decoder.decode(sheet.code(decoder, {"eyeWide_R": 0.5}), looking, who)[1]
+            tiles.draw(cloud, replace(camera, viewmat=turned.viewmat))
+            pictures.append(tiles.read_rgba()[..., :3].astype(int))
+    for veiled, bare in zip(pictures[:2], pictures[2:], strict=True):
+        assert np.quantile(np.abs(veiled - bare).max(2), 0.995) < 40
 
 
 def test_an_eye_seen_near_has_no_holes(decoder, tiles):
