@@ -214,6 +214,25 @@ def test_the_mouths_target_is_what_was_heard_and_the_upper_face_the_truth(
     assert abs(loss(other, 1.0) - loss(batch, 1.0)) > 0.01
 
 
+def test_distance_is_of_the_upper_face_alone_and_not_squared(folder: Path) -> None:
+    halves, rig = multimodal.Halves(face()), torch.zeros(2, 53)
+    rig[0, RIG_INDEX["jawOpen"]] = rig[1, RIG_INDEX["browInnerUp_L"]] = 1.0
+    off = (rig @ torch.from_numpy(TO_CODE))[None]
+    mouth, brow = multimodal.upper_distance(off, halves, face())[0].tolist()
+    assert mouth == pytest.approx(0.01, abs=1e-3)
+    assert brow == pytest.approx(float(face().vertices(off[:, 1]).norm(dim=-1).mean()), rel=0.01)
+    twice = multimodal.upper_distance(2 * off, halves, face())[0, 1]
+    assert float(twice) == pytest.approx(2 * brow, rel=0.01)
+    streams, settings = eye_streams(folder, lost=0.0), config(folder, folder)
+    audio_model, _ = load_denoiser(folder / "student", "student")
+    fold_gaze(audio_model, inverse=True).requires_grad_(False)
+    model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
+    batch = streams.draw(2, 30, np.random.default_rng(1))
+    loss = multimodal.losses(model, audio_model, halves, batch, face(), settings)
+    parts = loss["code"] + loss["velocity"] + settings.distance_weight * loss["distance"]
+    assert float(loss["total"].detach()) == pytest.approx(float(parts.detach()))
+
+
 def test_lost_eyes_hold_then_fade_to_the_other() -> None:
     own = torch.arange(60.0)[:, None].repeat(1, 80)
     other, gone = own + 1000, torch.zeros(60, dtype=torch.bool)
