@@ -1,9 +1,9 @@
 """Gaussians without holes: lids that hide the eye, lips that end in a line, eyes whole when near.
 
 The fit looks at pictures of 512 pixels, where a splat is blurred by a third of a millimetre, and
-seldom at shut lids or the inside of a lip. So it leaves Gaussians there narrower than the space
-between them: an eye shines through its lid, the edge of an open mouth crumbles, and an iris seen
-near is uneven, as if it looked elsewhere.
+seldom at shut lids, the inside of a lip, ears or the nape. So it leaves Gaussians there narrower
+than the space between them: an eye shines through its lid, the edge of an open mouth crumbles,
+an iris seen near is uneven, as if it looked elsewhere, and dots cover neck and ears.
 """
 
 import numpy as np
@@ -18,6 +18,7 @@ Floats = NDArray[np.float32]
 NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
+LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -26,23 +27,31 @@ def cover(
     opacities: Floats,  # [N]
     kinds: NDArray[np.integer],  # [N] see mesh_parts
     edges: NDArray[np.int32],  # vertices of lids and lips
+    front: NDArray[np.int32],  # vertices of the face, which the fit knows
     posing: Posing,
     mean_face: Floats,  # [V, 3] mm at rest
 ) -> tuple[Floats, Floats]:
-    """Widths [N] mm and opacities [N] with which lids, lips and eyes cover what is behind them."""
+    """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck."""
     shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
     _, _, areas = head.whole.normals(shut)
     stretch = stretched(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
-    on_edge = head.interpolate @ np.isin(head.used, edges).astype(np.float32) > 0
+    on_edge, on_face = (
+        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (edges, front)
+    )
     widths, opacities = head.scales.copy(), opacities.copy()
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
         apart = np.zeros_like(widths)
         apart[of_kind] = spacing(points[of_kind])
         covers = of_kind & (on_edge | (kind == mesh_parts.EYE))
-        widths[covers] = np.maximum(widths, SHARE * apart / stretch)[covers]
-        opacities[covers] = np.maximum(opacities[covers], OPACITY)
+        loose = of_kind & ~(covers | on_face)
+        for which, share, least in (
+            (covers, SHARE, OPACITY),
+            (loose, LOOSE_SHARE, LOOSE_OPACITY),
+        ):
+            widths[which] = np.maximum(widths, share * apart / stretch)[which]
+            opacities[which] = np.maximum(opacities[which], least)
     return widths, opacities
 
 

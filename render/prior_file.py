@@ -59,7 +59,8 @@ def parts(
         head = replace(head.take(rows), scales=widths)
     pose = posing(t, regions)
     edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
-    widths, opacities = cover(head, opacities, kinds[rows], edges, pose, template(t))
+    face = regions["narrow_face"]
+    widths, opacities = cover(head, opacities, kinds[rows], edges, face, pose, template(t))
     coding = Coding(
         *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
     )

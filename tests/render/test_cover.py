@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.ndimage import binary_erosion
 
 from render import cameras, contact, identity, prior_file, sheet, weights_file
 from render.cover import bared, spacing
@@ -98,6 +99,22 @@ def test_an_eye_seen_near_has_no_holes(decoder, tiles):
         # The middle of the picture is the iris and some white around it.
         middle = tiles.read_rgba()[96:160, 80:176, 0] / 255
         assert middle.min() > 0.7 and middle.mean() > 0.93
+
+
+def test_ears_and_nape_have_no_holes(decoder, tiles):
+    who = identity.load("hugo")
+    cloud = sheet.posed(decoder, who, "neutral")
+    face = np.isin(decoder.surface.used, decoder.regions["narrow_face"]).astype(np.float32)
+    off_face = np.flatnonzero(decoder.surface.interpolate @ face == 0)
+    cloud.colors[:] = 0
+    cloud.colors[off_face] = 1
+    camera = replace(cameras.portrait(400, 400, yaw_deg=100), background=(0.0, 0.0, 0.0))
+    tiles.draw(cloud, camera)
+    picture = tiles.read_rgba()[..., 0] / 255
+    tiles.draw(replace(cloud, scales=3 * cloud.scales), camera)
+    inside = binary_erosion(tiles.read_rgba()[..., 0] > 250, iterations=8)
+    assert inside.sum() > 20_000
+    assert np.quantile(picture[inside], 0.01) > 0.65
 
 
 @pytest.mark.parametrize("name", identity.names())
