@@ -52,6 +52,11 @@ def test_those_that_stay_take_over_the_colours_of_their_neighbours(decoders):
     assert np.median(np.linalg.norm(half.reads @ in_file - kept, axis=1)) < 1
 
 
+def test_they_cover_the_same_area(decoders):
+    full, half = (np.median(d.surface.scales**2) * len(d.opacities) for d in decoders.values())
+    assert full / half == pytest.approx(1, abs=0.25)
+
+
 def test_all_of_them_are_the_identity_s_own(decoders):
     decoder, who = decoders["32k"], identity.load("ben")
     found = decoder.reads @ who.albedo
