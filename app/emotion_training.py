@@ -40,7 +40,7 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
         pack=command.data,
         audio=start / "audio",
         output=command.data / "emotion_streams.npz",
-        minutes=command.stream_minutes,
+        minutes=command.stream_minutes or emotion_streams.EmotionStreamConfig.minutes,
         seed=command.seed,
     )
     if not streams.are_made(made):

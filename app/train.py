@@ -42,8 +42,8 @@ class Train:
     """prior: a Live Link Face table; its first part is learned from, the rest is held out."""
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
-    stream_minutes: float = 80.0
-    """Minutes of sound that diffusion and what follows learn from."""
+    stream_minutes: float | None = None
+    """Minutes of sound that a stage after audio learns from, instead of its own."""
     out: Path | None = None
     """Where weights go; default: beside the code, where the app looks for them."""
     seed: int = 0

@@ -205,7 +205,7 @@ def _streams(command: "Train", folder: Path) -> Path:
         audio=audio,
         heads=heads,
         output=(folder if command.variant == "centred" else command.data) / "streams.npz",
-        minutes=command.stream_minutes,
+        minutes=command.stream_minutes or streams.StreamConfig.minutes,
         seed=command.seed,
     )
     ranks = parallel.join(command.device)

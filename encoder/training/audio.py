@@ -34,7 +34,7 @@ class AudioConfig:
     start: Path | None = None  # an audio checkpoint of the same config to go on from
     encoder: AudioEncoderConfig = field(default_factory=lambda: ENCODERS["default"])
     centred: bool = False  # the ablation's encoder, which sees half a second ahead
-    steps: int = 850
+    steps: int = 4600
     batch: int = 10
     frames: int = 60
     rate: float = 2e-3

@@ -45,7 +45,7 @@ class DiffusionConfig:
     start: Path | None = None  # a checkpoint of the same config to go on from
     objective: Literal["diffusion", "regression"] = "diffusion"
     denoiser: DenoiserConfig = field(default_factory=lambda: DENOISERS["default"])
-    steps: int = 1750
+    steps: int = 6000
     batch: int = 16
     frames: int = 100
     rate: float = 1e-3

@@ -30,15 +30,15 @@ class StreamConfig:
     audio: Path  # the audio checkpoint, without suffix
     heads: Path  # the heads of the audio stage, for labels of real voices
     output: Path  # .npz to write
-    minutes: float = 80.0
+    minutes: float = 300.0
     stream_frames: int = 900
     seed: int = 0
     rest_streams: float = 0.12  # share of streams without a word: loudness statistics die away
     shares: tuple[tuple[str, float], ...] = (
-        ("rules", 0.45),
-        ("tracked", 0.3),
-        ("envelope", 0.08),  # timid: labelled by the audio stage's heads
-        ("rest", 0.17),
+        ("rules", 0.37),
+        ("tracked", 0.43),  # an hour of real motion: each clip comes twice, heard anew
+        ("envelope", 0.05),  # timid: labelled by the audio stage's heads
+        ("rest", 0.15),
     )
 
 
