@@ -43,6 +43,9 @@ def choose(
         normals = surface.interpolate @ surface.whole.normals(mesh)[0]
         places = surface.interpolate @ mesh[surface.used]
         points = np.c_[places, NORMAL_MM * normals, KIND_MM * kinds]
+        # a KDTree that splits at 0 goes on from the next number, which counts as 0 (and the tree
+        # never ends) where ONNX Runtime has this thread take denormals for zero
+        points += 1 - points.min(0)
         rows = rows[thinned(points, count)[rows]]
         distance = np.asarray(KDTree(points[rows]).query(points[rows], k=5)[0])
         widths = widths * np.sqrt(len(points) / count)

@@ -149,6 +149,8 @@ def veil(
         bottom[k] = height_at(vertices, lower, left + np.float32(k) * step)
     for row in rows:
         place = (points[row, 0] - left) / step
+        if not 0 <= place < STATIONS:  # NaN, or an opening without width
+            continue
         k = min(int(place), STATIONS - 2)
         part, y = place - np.float32(k), points[row, 1]
         above = y - (top[k] + part * (top[k + 1] - top[k]))
