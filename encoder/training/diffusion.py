@@ -29,6 +29,7 @@ from encoder.training.geometry import (
     velocity_loss,
 )
 from encoder.training.streams import AHEAD, GAZE_SCALE, Streams
+from encoder.training.whitening import Whitening
 from sensors.types import InputError
 
 TRUTH = (
@@ -167,6 +168,7 @@ def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
     sizes = replace(config.denoiser, audio_dim=streams.features.shape[-1])
     model, schedule = Denoiser(sizes), Schedule(sizes.num_steps)
     fit_scale(model, streams.codes)
+    whitening = Whitening.of(streams.features)
     if config.start is not None:
         old, _ = load_denoiser(config.start, "diffusion", "student")
         if old.config != sizes:
@@ -174,13 +176,17 @@ def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
                 f"--start {config.start}: expected a model of the same config, got another; "
                 "leave --start away or choose its preset"
             )
-        model.load_state_dict(fold_gaze(old, inverse=True).state_dict())  # with its scale
+        whitening.fold(fold_gaze(old, inverse=True), inverse=True)
+        model.load_state_dict(old.state_dict())  # with its scale
     model.to(config.run.device)
+    whitening = whitening.to(config.run.device)
     forward = torch.compile(losses) if config.run.compile else losses
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
         drawn = streams.draw(config.batch, config.frames, rng, config.lookahead)
-        batch = tuple(tensor.to(config.run.device, non_blocking=True) for tensor in drawn)
+        device = config.run.device
+        codes, audio, gaze, weight = (t.to(device, non_blocking=True) for t in drawn)
+        batch = codes, whitening(audio), gaze, weight
         return forward(model, batch, schedule, face, config)
 
     metrics, curve = loop.train(
@@ -188,6 +194,7 @@ def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
         steps=config.steps, rate=config.rate, run=config.run,
     )  # fmt: skip
     if ranks.leads:
+        fold_gaze(whitening.fold(model))
         write(config, model, streams, config.run.card(metrics, curve))
     parallel.wait(ranks)
     return metrics
@@ -216,7 +223,7 @@ def write(
         "steps": config.steps,
         **trained,
     }
-    checkpoint.save(config.output, fold_gaze(model).state_dict(), card)
+    checkpoint.save(config.output, model.state_dict(), card)
 
 
 def preset(name: str, **settings: Any) -> DiffusionConfig:

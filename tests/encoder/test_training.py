@@ -18,6 +18,7 @@ from encoder.training import audio, augment, diffusion, distill, loop, streams
 from encoder.training.centred import CentredEncoder
 from encoder.training.geometry import Face
 from encoder.training.heads import HEADS
+from encoder.training.whitening import Whitening
 from sensors.types import InputError
 
 BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
@@ -169,6 +170,28 @@ def test_folding_the_gaze_changes_no_output():
     torch.testing.assert_close(before, after, atol=1e-5, rtol=1e-4)
     diffusion.fold_gaze(model, inverse=True)
     torch.testing.assert_close(before[0], model(x, tau, audio, scaled), atol=1e-5, rtol=1e-4)
+
+
+def test_whitening_makes_features_alike_and_folds_away():
+    torch.manual_seed(0)
+    features = torch.randn(3, 400, 16) @ torch.randn(16, 16) * torch.logspace(0, -1, 16) + 5
+    whitening = Whitening.of(features.numpy())
+    white = whitening(features).flatten(0, 1)
+    torch.testing.assert_close(white.mean(0), torch.zeros(16), atol=1e-3, rtol=0)
+    assert torch.cov(white.T).sub(torch.eye(16)).abs().max() < 0.6
+    assert torch.cov(white.T).diagonal().max() < 1.01
+
+    model = Denoiser(replace(PRESETS["debug"], audio_dim=16))
+    torch.nn.init.normal_(model.null_audio)
+    x, gaze, tau = torch.randn(3, 400, 256), torch.randn(3, 400, 6), torch.tensor([150])
+    keeps = ({}, {"keep_audio": torch.tensor([False] * 3)})
+    before = [model(x, tau, whitening(features), gaze, **keep) for keep in keeps]
+    whitening.fold(model)
+    after = [model(x, tau, features, gaze, **keep) for keep in keeps]
+    torch.testing.assert_close(before, after, atol=1e-4, rtol=1e-3)
+    whitening.fold(model, inverse=True)
+    again = model(x, tau, whitening(features), gaze)
+    torch.testing.assert_close(before[0], again, atol=1e-4, rtol=1e-3)
 
 
 def test_shut_lips_weigh_more():
