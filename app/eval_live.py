@@ -47,7 +47,7 @@ def drive(driver: "Driver", sound: np.ndarray, seed: int) -> np.ndarray:  # [T, 
 
 
 def live_codes(driver: "Driver", segments: "Sequence[Segment]", seed: int) -> np.ndarray:
-    """[S, 100, 256]: each clip is driven from its start; gaze is synthesised."""
+    """[S, T, 256]: each clip is driven from its start; gaze is synthesised."""
     import soxr
 
     rows: list[np.ndarray] = []

@@ -2,6 +2,7 @@
 
 Networks only; `app/eval_speech.py` turns codes into vertices and judges them. Segments have 100
 frames (the paper's), their audio features come from the whole clip, so that loudness has settled.
+Real recordings shorter than that (GRID: 3 s) are segments of their own, heard from the start.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,27 +25,27 @@ Floats = NDArray[np.float32]
 TEACHER_STEPS = 40
 BATCH = 16  # segments at once
 LEVELS = 3  # frames of loudness that the energy-to-jaw baseline hears
-Row = Callable[[int], Floats]  # seed of a sample -> codes [S, 100, 256]
+Row = Callable[[int], Floats]  # seed of a sample -> codes [S, T, 256]
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """100 frames of a test clip."""
+    """100 frames of a test clip; of short recordings as many as all of them have."""
 
     clip: Clip
     frames: slice
 
     @property
-    def audio(self) -> Floats:  # [80 000] at 24 kHz, -1..1
+    def audio(self) -> Floats:  # [800 T] at 24 kHz, -1..1
         start, stop = (PACK_SAMPLES_PER_FRAME * i for i in (self.frames.start, self.frames.stop))
         return np.asarray(self.clip.audio[start:stop]).astype(np.float32) / np.float32(32768)
 
     @property
-    def rig(self) -> Floats:  # [100, 53]
+    def rig(self) -> Floats:  # [T, 53]
         return self.clip.rig[self.frames].astype(np.float32)
 
     @property
-    def gaze(self) -> Floats:  # [100, 6]
+    def gaze(self) -> Floats:  # [T, 6]
         return self.clip.gaze[self.frames].astype(np.float32).reshape(-1, 6)
 
     @property
@@ -67,9 +68,13 @@ def held_out_segments(pack: Path, count: int, seed: int = 0) -> dict[str, list[S
             groups.setdefault(group_of(clip), []).append(clip)
     result = {}
     for name, clips in sorted(groups.items()):
-        if all(clip.num_frames < 2 * SEGMENT_FRAMES for clip in clips):
-            clips = [joined(clips)]  # single short sentences
-        found = [Segment(clip, part) for clip in clips for part in clip.segments()]
+        if all(clip.truth == "tracked" and clip.num_frames < SEGMENT_FRAMES for clip in clips):
+            shortest = min(clip.num_frames for clip in clips)
+            found = [Segment(clip, slice(0, shortest)) for clip in clips]
+        else:
+            if all(clip.num_frames < 2 * SEGMENT_FRAMES for clip in clips):
+                clips = [joined(clips)]  # single short sentences that the capture made
+            found = [Segment(clip, part) for clip in clips for part in clip.segments()]
         chosen = sorted(np.random.default_rng(seed).permutation(len(found))[:count])
         result[name] = [found[i] for i in chosen]
     return {name: segments for name, segments in result.items() if segments}
@@ -85,7 +90,7 @@ def joined(clips: Sequence[Clip]) -> Clip:
 @torch.no_grad()
 def features(
     segments: Sequence[Segment], encode: Callable[[Tensor], Tensor], ahead: int = 0
-) -> Tensor:  # [S, 100, A]
+) -> Tensor:  # [S, T, A]
     """`encode`: sound [800 T] of a clip from its start -> features [T, A].
 
     ahead: hear so many frames later (after the clip: silence), for models with a lookahead.
@@ -114,15 +119,15 @@ def whole(encoder: AudioEncoder) -> Callable[[Tensor], Tensor]:
     )
 
 
-def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, 100, 6]
+def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, T, 6]
     return torch.tensor(np.stack([segment.gaze for segment in segments]))
 
 
-def synthesised_gaze(count: int, seed: int) -> Tensor:  # [S, 100, 6]
+def synthesised_gaze(count: int, frames: int, seed: int) -> Tensor:  # [S, T, 6]
     """What the live path looks at, anew for each segment."""
     graph = GazeGraph.load()
-    rows = [synthesise(graph, SEGMENT_FRAMES, 1000 * seed + index) for index in range(count)]
-    return torch.from_numpy(np.stack(rows)).reshape(count, SEGMENT_FRAMES, 6)
+    rows = [synthesise(graph, frames, 1000 * seed + index) for index in range(count)]
+    return torch.from_numpy(np.stack(rows)).reshape(count, frames, 6)
 
 
 def noise(shape: Sequence[int], seed: int) -> Tensor:
@@ -164,7 +169,7 @@ def student_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
 
     @torch.no_grad()
     def row(seed: int) -> Floats:
-        shown = synthesised_gaze(len(audio), seed) if gaze is None else gaze
+        shown = synthesised_gaze(len(audio), audio.shape[1], seed) if gaze is None else gaze
         x = noise((*audio.shape[:2], model.config.expression_dim), seed)
         tau = torch.full((len(x),), model.config.num_steps)
         return _codes(model, model(x, tau, audio, shown))
@@ -177,7 +182,7 @@ def without_outpainting_row(model: Denoiser, audio: Tensor, gaze: Tensor | None)
 
     @torch.no_grad()
     def row(seed: int) -> Floats:
-        shown = synthesised_gaze(len(audio), seed) if gaze is None else gaze
+        shown = synthesised_gaze(len(audio), audio.shape[1], seed) if gaze is None else gaze
         tau = torch.full((len(audio),), model.config.num_steps)
         frames = []
         for t in range(audio.shape[1]):
@@ -223,7 +228,7 @@ def _energy_inputs(audio: Floats) -> Floats:
 
 
 def energy_to_jaw_rig(segments: Sequence[Segment], fit: Floats, jaw: int) -> Floats:
-    """The causal baseline: only the jaw moves, with loudness. [S, 100, 53]"""
+    """The causal baseline: only the jaw moves, with loudness. [S, T, 53]"""
     rig = np.stack([np.zeros_like(segment.rig) for segment in segments])
     for index, segment in enumerate(segments):
         rig[index, :, jaw] = np.clip(_energy_inputs(segment.audio) @ fit, 0, 1)

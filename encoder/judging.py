@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder import metrics
+from encoder.capture.channels import JAW_OPEN
 from encoder.capture.phones import LIP_CLOSING, PHONE_INDEX
 from encoder.evaluation import Segment
 from encoder.metrics import Doubles, Floats, LipMarks
@@ -95,6 +96,7 @@ def _errors(
 def _opening_figures(openings: list[list[Doubles]], truth: Truth) -> dict[str, float]:
     """Figures of the lips' opening over all segments together."""
     real = np.concatenate(truth.openings)
+    jaw = np.concatenate([s.rig[:, JAW_OPEN] for s in truth.segments]).astype(np.float64)
     phones = np.concatenate([segment.phones for segment in truth.segments])
     closing, vowels = np.isin(phones, CLOSING), np.isin(phones, OPEN_VOWELS)
     figures: dict[str, list[float]] = {}
@@ -103,12 +105,16 @@ def _opening_figures(openings: list[list[Doubles]], truth: Truth) -> dict[str, f
         guess = np.concatenate(drawn)
         r, shift = metrics.best_shift(guess, real)
         fast, _ = metrics.best_shift(metrics.highpassed(guess), metrics.highpassed(real), 1)
+        jaw_r, _ = metrics.best_shift(guess, jaw, 1)
+        jaw_fast, _ = metrics.best_shift(metrics.highpassed(guess), metrics.highpassed(jaw), 1)
         power = np.mean([metrics.syllable_power(row) for row in drawn])
         real_power = np.mean([metrics.syllable_power(row) for row in truth.openings])
         for name, value in (
             ("opening_r", r),
             ("opening_shift_frames", shift),
             ("opening_fast_r", fast),
+            ("jaw_r", jaw_r),  # against the label's own curve, as a tracker or rules gave it
+            ("jaw_fast_r", jaw_fast),
             ("opening_spread_ratio", float(guess.std() / max(real.std(), 1e-6))),
             ("syllable_power_ratio", float(power / max(real_power, 1e-9))),
         ):

@@ -28,7 +28,7 @@ def test_bars_hold_the_issue_s_ratios():
         f"{row}student/closure_recall": 0.6,
         f"{row}student/syllable_power_ratio": 0.4,
         f"{row}teacher, 40 steps/syllable_power_ratio": 0.5,
-        "grid-s30/recorded gaze/student/opening_r": 0.75,
+        "grid-s30/recorded gaze/student/jaw_r": 0.75,
         "grid-s30/recorded gaze/student/opening_shift_frames": -2.0,
         "pink_60s_movement_mm": 1.5,
     }
@@ -38,7 +38,7 @@ def test_bars_hold_the_issue_s_ratios():
         "sentence lip_sync over mean face": True,
         "sentence lip_sync over mean face, best": False,
         "sentence 2-7 Hz power, student against teacher": False,
-        "grid-s30 opening r": True,
+        "grid-s30 opening against jaw, r": True,
         "grid-s30 opening shift, frames": False,
         "sentence closure recall": True,
     }

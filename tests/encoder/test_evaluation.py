@@ -119,6 +119,7 @@ def test_judge_of_the_truth_itself_and_of_a_shut_mouth(segments):
     assert perfect["lve_mm"] == perfect["lip_sync_mm"] == perfect["fdd_mm"] == 0
     assert perfect["closure_recall"] == 1 and perfect["false_closures"] == 0
     assert perfect["syllable_power_ratio"] == pytest.approx(1)
+    assert perfect["jaw_r"] == pytest.approx(1) and perfect["jaw_fast_r"] == pytest.approx(1)
     assert perfect["blinks_per_minute"] == pytest.approx(18)
     shut = judging.judge([np.zeros_like(codes)], truth, mesh())
     assert shut["lve_mm"] > 0.5 and shut["false_closures"] == 1
@@ -148,3 +149,19 @@ def test_short_sentences_are_joined_by_language(tmp_path):
     assert list(groups) == ["language de", "language fr"]
     (segment,) = groups["language de"]
     assert segment.rig[:70].max() == 0 and segment.rig[70:].min() == pytest.approx(0.1, abs=1e-3)
+
+
+def test_short_real_recordings_are_segments_of_their_own(tmp_path):
+    clips = [
+        dataset.make_clip(
+            np.zeros(count * 1600), np.full((count, len(RIG_NAMES)), 0.1 * k),
+            np.zeros((count, 2, 3)), np.zeros(count), truth="tracked", voice="grid-s1",
+            split="test",
+        )
+        for k, count in enumerate((89, 90, 91))
+    ]  # fmt: skip
+    shard = dataset.write_shard(tmp_path / "shard", clips)
+    dataset.write_manifest(tmp_path, [shard], {})
+    segments = evaluation.held_out_segments(tmp_path, 5)["grid-s1"]
+    assert [s.frames for s in segments] == [slice(0, 89)] * 3
+    assert [float(np.ptp(s.rig)) for s in segments] == [0, 0, 0]
