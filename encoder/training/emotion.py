@@ -114,6 +114,7 @@ def losses(
     frozen: Denoiser,
     batch: tuple[Tensor, ...],  # codes, audio, scaled gaze, mixture
     face: EmotionFace,
+    style: LipStyle,
     lip_weight: float,
 ) -> dict[str, Tensor]:
     codes, audio, gaze, mixture = batch
@@ -126,7 +127,7 @@ def losses(
     if lip_weight:
         with torch.no_grad():
             neutral = frozen.unstandardise(frozen(noise, tau, audio, gaze))
-            styled = LipStyle.of(face.whole).lay_over(neutral, mixture)
+            styled = style.lay_over(neutral, mixture)
         result["lip"] = lip_loss(z, neutral, styled, face)
         total = total + lip_weight * result["lip"]
     return result | {"total": total}
@@ -160,12 +161,13 @@ def run(config: EmotionConfig, face: EmotionFace) -> dict[str, float]:
         modules["student"] = student.requires_grad_(True)
         # Adam takes steps of one size: on longer embeddings the convolutions learn as fast as alone
         zero.embeddings *= CONVOLUTION_RATE / config.rate
+    style = LipStyle.of(face.whole)
     lip_weight = 0.0 if config.fine_tune else config.lip_weight
 
     def step_losses(step: int, rng: Any) -> dict[str, Tensor]:
         drawn = streams.draw(config.batch, config.frames, face.whole, rng)
         batch = tuple(tensor.to(config.run.device) for tensor in drawn)
-        return losses(student, zero, frozen, batch, face, lip_weight)
+        return losses(student, zero, frozen, batch, face, style, lip_weight)
 
     metrics, curve = loop.train(
         "emotion", modules, step_losses, steps=config.steps, rate=config.rate, run=config.run

@@ -167,6 +167,7 @@ def test_only_the_zero_convolutions_learn() -> None:
     _, student = models()
     student.requires_grad_(False)
     zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS))
+    style = emotion.LipStyle.of(FACE.whole)
     optimizer, curve = torch.optim.AdamW(zero.parameters(), 3e-3), list[float]()
     rig = np.zeros((2, 12, 53), np.float32)
     rig[..., SMILE] = 1.0
@@ -174,7 +175,7 @@ def test_only_the_zero_convolutions_learn() -> None:
     batch = (codes, torch.randn(2, 12, 512), torch.randn(2, 12, 6), torch.eye(len(LABELS))[:2])
     for _ in range(60):
         torch.manual_seed(0)  # the same noise: one batch must be learned
-        result = emotion.losses(student, zero, student, batch, FACE, 0.0)
+        result = emotion.losses(student, zero, student, batch, FACE, style, 0.0)
         optimizer.zero_grad()
         result["total"].backward()
         optimizer.step()
