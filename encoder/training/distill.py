@@ -29,6 +29,7 @@ from encoder.training.diffusion import (
 )
 from encoder.training.geometry import Face
 from encoder.training.streams import Streams
+from encoder.training.whitening import Whitening
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -170,9 +171,15 @@ class Pools:
     """Teacher samples for each step; a pool is made when its first step comes or is resumed."""
 
     def __init__(
-        self, teacher: Denoiser, streams: Streams, schedule: Schedule, config: DistillConfig
+        self,
+        teacher: Denoiser,
+        streams: Streams,
+        whitening: Whitening,
+        schedule: Schedule,
+        config: DistillConfig,
     ) -> None:
-        self.teacher, self.streams, self.schedule = teacher, streams, schedule
+        self.teacher, self.streams, self.whitening = teacher, streams, whitening
+        self.schedule = schedule
         self.config, self.ranks = config, parallel.join(config.run.device)
         self.key: tuple[int, int] | None = None
         self.samples: list[Sample] = []
@@ -184,7 +191,7 @@ class Pools:
         return self.samples[rng.integers(len(self.samples))]
 
     def _make(self, phase: int, turn: int) -> Iterator[Sample]:
-        """Batches (x_tau, tau, codes, audio, gaze, weight, teacher's x0)."""
+        """Batches (x_tau, tau, codes, white audio, gaze, weight, teacher's x0)."""
         config, schedule = self.config, self.schedule
         indices = tqdm(
             range(config.pool), desc=f"teacher, beta {phase}", mininterval=2, leave=False,
@@ -195,6 +202,7 @@ class Pools:
             rng = np.random.default_rng(seeds)
             drawn = self.streams.draw(config.batch, config.frames, rng)
             codes, audio, gaze, weight = (tensor.to(config.run.device) for tensor in drawn)
+            audio = self.whitening(audio)
             tau = draw_tau(phase, schedule.num_steps, rng)
             noise = torch.tensor(rng.standard_normal(codes.shape, dtype=np.float32)).to(codes)
             batch_tau = torch.full((len(codes),), tau, device=codes.device)
@@ -238,11 +246,13 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
     teacher, card = load_denoiser(config.teacher, "diffusion")
     first = config.start or config.teacher  # the paper's student starts as the teacher
     student, _ = load_denoiser(first, "diffusion", "student")
+    whitening = Whitening.of(streams.features)
     for model in (teacher, student):
-        fold_gaze(model, inverse=True).to(config.run.device)
+        whitening.fold(fold_gaze(model, inverse=True), inverse=True).to(config.run.device)
+    whitening = whitening.to(config.run.device)
     teacher.requires_grad_(False)
     schedule = Schedule(teacher.config.num_steps)
-    pools = Pools(teacher, streams, schedule, config)
+    pools = Pools(teacher, streams, whitening, schedule, config)
     forward = torch.compile(losses) if config.run.compile else losses
     without_dmd = config if config.dmd_to_end else replace(config, dmd_weight=0.0)
 
@@ -267,7 +277,8 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
             "steps": config.steps,
             **config.run.card(metrics, curve),
         }
-        checkpoint.save(config.output, checkpoint.quantised(fold_gaze(student).state_dict()), facts)
+        fold_gaze(whitening.fold(student))
+        checkpoint.save(config.output, checkpoint.quantised(student.state_dict()), facts)
     parallel.wait(ranks)
     return metrics
 
