@@ -8,6 +8,7 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from render.errors import InputError
+from render.types import Density
 
 if TYPE_CHECKING:
     import numpy as np
@@ -45,7 +46,7 @@ class Show:
     """Instead: the widest dimensions of the code, from -2 to 2 deviations."""
     background: str = "grey"
     """Behind the head: grey, white, green, transparent or #rrggbb."""
-    gaussians: Literal["16k", "32k"] = "32k"
+    gaussians: Density = "32k"
     """On the head, without its hair."""
     stereo: bool = False
     """Both eyes of someone before the head, side by side, the left eye's picture on the left."""

@@ -1,6 +1,6 @@
 """Options of what leaves this machine: the face for other programs, and the page for headsets."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,8 +10,10 @@ from sensors.types import Clock, InputError
 
 if TYPE_CHECKING:
     from app.sinks.send import SendSink
+    from app.web.info import ServerInfo
     from app.web.sink import WebSink
     from render.decoder import Decoder
+    from render.types import Density
 
 
 @dataclass(kw_only=True)
@@ -32,13 +34,16 @@ class NetworkOptions:
     def is_networked(self) -> bool:
         return bool(self.send) or self.web is not None
 
-    def open_web(self, clock: Clock, avatar: str, microphone: bool = False) -> "WebSink | None":
+    def open_web(
+        self, clock: Clock, avatar: str, gaussians: "Density", microphone: bool = False
+    ) -> "WebSink | None":
         """Start the page's server, if there is to be one."""
         if self.web is None:
             return None
         if not 0 <= self.web <= 65535:
             raise InputError(f"--web: expected a port in 0..65535, got {self.web}; try --web 8443")
-        return self._server(clock, self.host, self.web, avatar, microphone=microphone)
+        info = self._info(self.host, self.web, avatar)
+        return _server(replace(info, gaussians=gaussians, microphone=microphone), clock)
 
     def network_sinks(
         self, clock: Clock, decoder: "Decoder", avatar: str, page: "WebSink | None"
@@ -53,24 +58,20 @@ class NetworkOptions:
         for url in self.send:
             if url not in programs:
                 _, host, port, _ = parse(url)
-                sinks.append(self._server(clock, host, port, avatar, page=False))
+                sinks.append(_server(replace(self._info(host, port, avatar), page=False), clock))
         return [*sinks, page] if page else sinks
 
-    def _server(
-        self,
-        clock: Clock,
-        host: str,
-        port: int,
-        avatar: str,
-        *,
-        page: bool = True,
-        microphone: bool = False,
-    ) -> "WebSink":
+    def _info(self, host: str, port: int, avatar: str) -> "ServerInfo":
         from app.web.info import ServerInfo
-        from app.web.sink import WebSink
 
         gains = str(self.gains.resolve()) if self.gains else None
-        return WebSink(ServerInfo(host, port, avatar, page, microphone, gains), clock)
+        return ServerInfo(host, port, avatar, gains=gains)
+
+
+def _server(info: "ServerInfo", clock: Clock) -> "WebSink":
+    from app.web.sink import WebSink
+
+    return WebSink(info, clock)
 
 
 def network_report(sinks: "list[SendSink | WebSink]") -> dict[str, Any]:

@@ -10,6 +10,7 @@ import tyro
 
 from app import background
 from app.network import NetworkOptions, network_report
+from render.types import Density
 from sensors.types import FPS, Clock, InputError, Source
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ class DriveOptions(NetworkOptions):
     """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
     """Who is driven; see: livedrive avatar list."""
+    gaussians: Density = "32k"
+    """On the head, without its hair; fewer for a slower computer or a phone at --web."""
     emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
     """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
     A replay shows what was recorded unless this is given."""
@@ -126,9 +129,9 @@ class DriveOptions(NetworkOptions):
         from render.decoder import Decoder
         from render.renderer import create_renderer
 
-        who, decoder = identity.load(self.avatar), Decoder.load()
+        who, decoder = identity.load(self.avatar), Decoder.load(gaussians=self.gaussians)
         stages, emotions = Stages(), self._emotion_control(driver)
-        page = page or self.open_web(clock, self.avatar)
+        page = page or self.open_web(clock, self.avatar, self.gaussians)
         network = self.network_sinks(clock, decoder, self.avatar, page)
         sinks = [*self._sinks(decoder, who), *more_sinks, *network]
         window = None
@@ -165,6 +168,7 @@ class DriveOptions(NetworkOptions):
             "condition": driver.config.condition,
             "checkpoint": STUDENTS[driver.config.condition],
             "avatar": self.avatar,
+            "gaussians": self.gaussians,
             "emotion": self.emotion or "",
             "stages": stages.summary(),
             **network_report(network),
@@ -210,6 +214,7 @@ class DriveOptions(NetworkOptions):
             frames=frames,
             size=self.size,
             background=self.background,
+            gaussians=self.gaussians,
         )
         return WindowSink(info, clock, stages.latest_ms, tape)
 

@@ -35,7 +35,7 @@ class Run(LiveOptions, DriveOptions):
         from sensors.portaudio import silence_native_messages
 
         clock = MonotonicClock()
-        page = self.open_web(clock, self.avatar, microphone=self.mic == "web")
+        page = self.open_web(clock, self.avatar, self.gaussians, microphone=self.mic == "web")
         source = self.live_source(clock, self._web_microphone(page))
         driver = self.load_driver(has_eyes=bool(source.info.eyes))
         driver.calibration = of_user()

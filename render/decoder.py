@@ -14,14 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render import density, kernels, weights_file
+from render import kernels, weights_file
 from render.coding import EXPRESSION_DIM, Coding
 from render.identity import Identity
 from render.light_decoder import LightNet
 from render.lighting import HALF
 from render.posing import Posing, turn
 from render.surface import Placed, Still, Surface
-from render.types import Gaussians, Mesh
+from render.types import Density, Gaussians, Mesh
 
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder", "turn"]
 KIND = "prior"
@@ -61,9 +61,7 @@ class Decoder:
     _known: "WeakKeyDictionary[Identity, Known]"
 
     @classmethod
-    def load(
-        cls, folder: Path = weights_file.FOLDER, gaussians: density.Preset = "32k"
-    ) -> "Decoder":
+    def load(cls, folder: Path = weights_file.FOLDER, gaussians: Density = "32k") -> "Decoder":
         """Read the prior's weights; raise InputError when they are missing or damaged."""
         from render.prior_file import load
 

@@ -5,8 +5,6 @@ neighbours that go, and are widened where holes would show (`render/cover.py`). 
 put between the fitted ones they were .8 dB worse than these, since the fit is one of their places.
 """
 
-from typing import Literal
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
@@ -14,11 +12,11 @@ from scipy.spatial import KDTree
 
 from render import mesh_parts
 from render.surface import Surface
+from render.types import Density
 
 Floats = NDArray[np.float32]
 Indices = NDArray[np.intp]
-Preset = Literal["16k", "32k"]
-COUNTS: dict[Preset, int | None] = {"16k": 16_000, "32k": None}  # None: all
+COUNTS: dict[Density, int | None] = {"16k": 16_000, "32k": None}  # None: all
 NEIGHBOURS, NEAREST = 12, 6  # that may crowd, that tell how dense the place is
 NORMAL_MM = 6.0  # points and normals together: the two sides of a lip are neighbours in space only
 KIND_MM = 1000.0  # apart are Gaussians of skin, eyes, mouth, teeth and lashes
@@ -32,7 +30,7 @@ def choose(
     mesh: Floats,  # [V, 3] mm, the mean face
     kinds: NDArray[np.integer],  # [N] see mesh_parts
     opacities: Floats,  # [N]
-    preset: Preset,
+    preset: Density,
 ) -> tuple[Indices, csr_array, Floats, Floats]:
     """The anchors that stay [n], neighbours together: what the loops of the decoder read is at
     hand; a map [n, N] from values of all to theirs; their widths [n], mm, and opacities [n]."""

@@ -14,6 +14,7 @@ from render.contact import Line
 from render.cover import bared, cover
 from render.light_decoder import LightNet, tensors_of
 from render.posing import GEOMETRY_STEPS, Posing
+from render.types import Density
 
 KIND = "prior"
 KEPT_REGIONS = (
@@ -24,14 +25,12 @@ INTERIOR = ("teeth", "gums_tongue", "mouth_socket")
 Tensors = dict[str, NDArray[Any]]
 
 
-def load(folder: Path, gaussians: density.Preset) -> dict[str, Any]:
+def load(folder: Path, gaussians: Density) -> dict[str, Any]:
     """The fields of render.decoder.Decoder."""
     return parts(*weights_file.load(folder / "prior", KIND), gaussians)
 
 
-def parts(
-    t: Tensors, card: dict[str, Any], gaussians: density.Preset | None = None
-) -> dict[str, Any]:
+def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) -> dict[str, Any]:
     """The same from what was read; without a preset in the order of the file."""
     regions = {
         name.removeprefix("region_"): t[name].astype(np.int32)

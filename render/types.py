@@ -5,7 +5,7 @@ Camera: OpenCV convention, x right, y down, z into the scene. Quaternions are wx
 """
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from render.errors import InputError
 
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)  # gaze of both eyes
+Density = Literal["16k", "32k"]  # Gaussians on a head, without its hair
 DEFAULT_BACKGROUND = (0.16, 0.16, 0.16)
 
 

@@ -19,7 +19,7 @@ class Head:
     """One avatar, at rest and in motion."""
 
     def __init__(self, info: ServerInfo) -> None:
-        self._decoder = Decoder.load()
+        self._decoder = Decoder.load(gaussians=info.gaussians)
         self._who = identity.load(info.avatar)
         self._read = FaceReader(self._decoder, Path(info.gains) if info.gains else None)
         _, rest = self._decoder.decode(np.zeros(EXPRESSION_DIM, np.float32), AHEAD, self._who)

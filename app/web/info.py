@@ -3,6 +3,8 @@
 import ipaddress
 from dataclasses import dataclass
 
+from render.types import Density
+
 
 @dataclass(frozen=True)
 class ServerInfo:
@@ -11,6 +13,7 @@ class ServerInfo:
     host: str  # address to listen at
     port: int  # 0: any that is free
     avatar: str
+    gaussians: Density = "32k"
     page: bool = True  # False: JSON only, for a `ws://` target
     microphone: bool = False  # the run listens to the page's microphone
     gains: str | None = None  # path of a gains file for the JSON

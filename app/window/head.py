@@ -11,6 +11,7 @@ from render.cameras import Orbit
 from render.contexts import GLContext
 from render.decoder import Decoder
 from render.renderer import wrap_context
+from render.types import Density
 
 BLACK = (0.0, 0.0, 0.0)  # over black, colours come out premultiplied by coverage
 STILL_PX = 1024
@@ -61,9 +62,9 @@ void main() {
 class HeadView:
     """Owns the decoder, the identity and the renderer of the window."""
 
-    def __init__(self, context: GLContext, avatar: str, size: int) -> None:
+    def __init__(self, context: GLContext, avatar: str, size: int, gaussians: Density) -> None:
         self._context, self._size = context, size
-        self.decoder = Decoder.load()
+        self.decoder = Decoder.load(gaussians=gaussians)
         self.identity = identity.load(avatar)
         self._renderer = wrap_context(context)
         gl = context.gl

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from app.stages import STAGES
+from render.types import Density
 from sensors.types import EYE_SIZE
 
 SLOTS = 16  # half a second of ticks
@@ -69,6 +70,7 @@ class WindowInfo:
     frames: int | None = None  # how many will come, where that is known
     size: int = 512  # px of the head on software GL; a GPU fills the window
     background: str = "studio"
+    gaussians: Density = "32k"
 
 
 class SharedMemory:

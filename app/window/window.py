@@ -35,7 +35,7 @@ class Window:
         self._screen, self._memory = screen, memory
         self.state = State(info, memory.wishes, recording=bool(memory.wishes["recording"]))
         self.state.choose_background(info.background)
-        self._head = HeadView(screen.context, info.avatar, info.size)
+        self._head = HeadView(screen.context, info.avatar, info.size, info.gaussians)
         self._marks = EyeMarks(self._head.decoder, self._head.identity)
         self._toolbar = actions.toolbar(info.can_record)
         self._number = -1  # of the newest tick

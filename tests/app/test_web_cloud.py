@@ -4,6 +4,8 @@ import numpy as np
 from web_client import draw, psnr
 
 from app.web.cloud import CloudReader, Ranges, base_message, pack, tick_message
+from app.web.head import Head
+from app.web.info import ServerInfo
 from render.decoder import Decoder
 from render.identity import Identity
 from render.types import AHEAD, Gaussians, Renderer
@@ -78,3 +80,13 @@ def test_a_tick_needs_no_other_tick(decoder: Decoder, who: Identity) -> None:
         last.read(message)
     assert all_of_them.gaussians is not None and last.gaussians is not None
     np.testing.assert_array_equal(all_of_them.gaussians.means, last.gaussians.means)
+
+
+def test_a_page_gets_as_many_gaussians_as_were_asked_for() -> None:
+    counts = {}
+    for gaussians in ("16k", "32k"):
+        reader = CloudReader()
+        reader.read(Head(ServerInfo("127.0.0.1", 0, "ben", gaussians=gaussians)).base)
+        assert reader.gaussians is not None
+        counts[gaussians] = len(reader.gaussians)
+    assert 15_000 < counts["32k"] - counts["16k"] < 18_000
