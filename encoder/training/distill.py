@@ -53,11 +53,11 @@ class DistillConfig:
     dmd_weight: float = 0.05
     # the student is its own fake score; once all draws are at tau = N it forgets the smaller ones
     dmd_to_end: bool = False
-    velocity_weight: float = 1.0
+    velocity_weight: float = 0.1
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
     spread_weight: float = 0.5  # the lips move as far as the truth's, and rest as still
-    contact_weight: float = 0.5  # and touch where the truth's touch
+    contact_weight: float = 8.0  # and touch where the truth's touch
     truth_weight: float = 2.0  # of the mouth: rest and closures stay the truth's
     # the paper's is of the whole face; asked of lids, it pulls blinks to their mean: few are left
     geometry_of: Literal["mouth", "face"] = "mouth"
@@ -77,6 +77,7 @@ PRESETS: dict[str, dict[str, Any]] = {
         "dmd_to_end": True,
         "truth_weight": 0.0,
         "spread_weight": 0.0,
+        "velocity_weight": 1.0,
         "contact_weight": 0.0,
         "geometry_of": "face",
     },

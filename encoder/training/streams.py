@@ -147,21 +147,12 @@ def _predictor(encoder: AudioEncoder, heads: Heads) -> Outputs:
 
 
 BLINK = RIG_INDEX["eyeBlink_L"]
-# Shut lips (p b m) are short and often a guess, and a mean of guesses never shuts. So are blinks.
-# Not more: at 8 (and 2.5 at rest) free speech opened the lips by 3.4 mm on average instead of 5.4.
-SHUT_WEIGHT = 3.0
-BLINK_WEIGHT = 3.0
-REST_WEIGHT = 1.5  # a mouth that moves in silence is seen at once
+BLINK_WEIGHT = 3.0  # short and often a guess: a mean of guesses never shuts an eye
+REST_WEIGHT = 2.0  # a mouth that moves in silence is seen at once
 # Gaze varies by a tenth: training shows (gaze - ahead) * 10, so that it is learned like the rest.
 # `fold_gaze` in diffusion.py moves this map into the weights that are saved.
 AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 GAZE_SCALE = 10.0
-
-
-def _shut(rig: np.ndarray) -> np.ndarray:
-    """[S, T, 53] -> [S, T] bool: lips held together against an open jaw."""
-    needed = closing_weight(rig.reshape(-1, rig.shape[-1])).reshape(rig.shape[:-1])
-    return (needed > 0.008) & (rig[..., MOUTH_CLOSE] > 0.75 * needed)
 
 
 @dataclass(frozen=True)
@@ -181,7 +172,6 @@ class Streams:
             codes = face.rig_to_code(rig).astype(np.float32)
             rest = rig[..., list(SPEECH_COLUMNS)].max(-1) < 0.01
             weight = np.where(rest, REST_WEIGHT, 1.0).astype(np.float32)
-            weight = np.where(_shut(rig), np.float32(SHUT_WEIGHT), weight)
             weight = np.where(rig[..., BLINK] > 0.4, np.float32(BLINK_WEIGHT), weight)
             about = json.loads(str(data["about"]))
             return Streams(data["features"], codes, data["gaze"], weight, about)

@@ -11,7 +11,7 @@ import torch
 
 from encoder import checkpoint
 from encoder.capture import dataset
-from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE, RIG_NAMES
+from encoder.capture.channels import JAW_OPEN, RIG_NAMES
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.diffusion import Schedule
 from encoder.training import audio, augment, diffusion, distill, loop, streams
@@ -194,13 +194,6 @@ def test_whitening_makes_features_alike_and_folds_away():
     torch.testing.assert_close(before[0], again, atol=1e-4, rtol=1e-3)
 
 
-def test_shut_lips_weigh_more():
-    rig = np.zeros((1, 3, 53), np.float32)
-    rig[0, 1:, JAW_OPEN] = 0.1
-    rig[0, 2, MOUTH_CLOSE] = 0.078
-    assert streams._shut(rig).tolist() == [[False, False, True]]
-
-
 def test_diffusion_overfits_one_batch(stages):
     torch.manual_seed(0)
     data = streams.Streams.load(stages / "streams.npz", FACE)
@@ -213,7 +206,7 @@ def test_diffusion_overfits_one_batch(stages):
     optimizer = loop.adamw({"model": model}, 3e-3)
     batch = data.draw(4, 16, np.random.default_rng(0))
     history = []
-    for step in range(150):
+    for step in range(220):
         torch.manual_seed(step)
         loss = diffusion.losses(model, batch, schedule, FACE, config)
         optimizer.zero_grad()
