@@ -10,12 +10,14 @@ with their sound; they come one frame late.
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 from zipfile import BadZipFile
 
 import numpy as np
 import soundfile
 import soxr
 
+from encoder.capture.align import EnglishAligner
 from encoder.capture.channels import (
     JAW_OPEN,
     MOUTH_CLOSE,
@@ -24,8 +26,9 @@ from encoder.capture.channels import (
     SPEECH_COLUMNS,
     from_arkit,
 )
-from encoder.capture.made import Take, take
+from encoder.capture.made import Take, phone_labels, take
 from encoder.capture.motion import closing_weight, frame_times, upper_face
+from encoder.capture.phones import Phone
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
 
 _ALIGNMENT_RATE = 25_000
@@ -71,15 +74,24 @@ def read_audio(path: Path) -> np.ndarray:
     return soxr.resample(audio.mean(1), rate, SAMPLE_RATE).astype(np.float32)
 
 
-def _words(folder: Path) -> dict[str, tuple[float, float]]:
-    """Clip -> seconds of the first word's start and the last word's end."""
+class Spoken(NamedTuple):
+    """What is said in a clip, and from when to when."""
+
+    start_s: float
+    end_s: float
+    text: str
+
+
+def _words(folder: Path) -> dict[str, Spoken]:
+    """Clip -> its words."""
     spans = {}
     for line in (folder / "alignments.tsv").read_text().splitlines()[1:]:
         clip, _, intervals = line.partition("\t")
         rows = [part.split() for part in intervals.split(";") if part.strip()]
-        spoken = [(int(a), int(b)) for a, b, word in rows if word not in ("sil", "sp")]
+        spoken = [(int(a), int(b), word) for a, b, word in rows if word not in ("sil", "sp")]
         if spoken:
-            spans[clip] = (spoken[0][0] / _ALIGNMENT_RATE, spoken[-1][1] / _ALIGNMENT_RATE)
+            start, end = spoken[0][0] / _ALIGNMENT_RATE, spoken[-1][1] / _ALIGNMENT_RATE
+            spans[clip] = Spoken(start, end, " ".join(word for _, _, word in spoken))
     return spans
 
 
@@ -133,7 +145,7 @@ def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Ta
     spans = _words(folder)
     chosen = [i for i, name in enumerate(speakers) if name == speaker]
     test = {clips[i] for i in chosen[-50:]} if len(set(speakers)) == 1 else set[str]()
-    curves = _speaker_curves(weights[chosen], names)
+    curves, aligner = _speaker_curves(weights[chosen], names), EnglishAligner()
     takes = [
         (clips[i], read_audio(folder / "audio" / f"{clips[i]}.ogg"), curve)
         for i, curve in zip(chosen, curves, strict=True)
@@ -141,14 +153,16 @@ def grid_takes(folder: Path, speaker: str, seed: tuple[int, ...]) -> Iterator[Ta
     ]
     for clip, audio, curve in takes:
         split = "test" if clip in test or speaker in GRID_TEST else "train"
-        yield _grid_take(audio, curve, fps, spans[clip], f"grid-{speaker}", split, rng)
+        said = aligner.align(audio, spans[clip].text)
+        yield _grid_take(audio, curve, fps, spans[clip], said, f"grid-{speaker}", split, rng)
 
 
 def _grid_take(
     audio: np.ndarray,
     curve: np.ndarray,
     fps: int,
-    span: tuple[float, float],
+    span: Spoken,
+    said: list[Phone] | None,  # None: its words did not align
     voice: str,
     split: str,
     rng: np.random.Generator,
@@ -156,12 +170,14 @@ def _grid_take(
     times = frame_times(len(audio) // SAMPLES_PER_FRAME)
     source = np.arange(len(curve)) / fps
     rig = np.stack([np.interp(times, source, column) for column in curve.T], 1)
-    outside = np.maximum((span[0] - 0.12 - times) / 0.12, (times - span[1] - 0.12) / 0.15)
+    early, late = span.start_s - 0.12 - times, times - span.end_s - 0.12
+    outside = np.maximum(early / 0.12, late / 0.15)
     inside = 0.5 + 0.5 * np.cos(np.pi * np.clip(outside, 0, 1))
     rig = (rig * inside[:, None]).astype(np.float32)
     rig[:, MOUTH_CLOSE] = np.minimum(rig[:, MOUTH_CLOSE], closing_weight(rig))
     upper, gaze = upper_face(np.clip(rig[:, JAW_OPEN] / _JAW_LOUD, 0, 1), rng, reading=True)
-    phones = np.where(inside > 0, -1, 0)
+    unknown = np.full(len(rig), -1) if said is None else phone_labels(said, len(rig))
+    phones = np.where(inside > 0, unknown, 0)
     return take(
         audio, rig + upper, gaze, phones, truth="tracked", voice=voice, split=split, kind="grid"
     )
