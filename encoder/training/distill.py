@@ -39,7 +39,7 @@ class DistillConfig:
     output: Path
     run: loop.Run
     start: Path | None = None  # an earlier student to go on from, instead of the teacher
-    steps: int = 480
+    steps: int = 560
     batch: int = 16
     frames: int = 100
     rate: float = 4e-4
@@ -56,9 +56,9 @@ class DistillConfig:
     velocity_weight: float = 0.1
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
-    spread_weight: float = 0.5  # the lips move as far as the truth's, and rest as still
-    contact_weight: float = 8.0  # and touch where the truth's touch
-    truth_weight: float = 2.0  # of the mouth: rest and closures stay the truth's
+    spread_weight: float = 0.4  # the lips move as far as the truth's, and rest as still
+    contact_weight: float = 4.0  # and touch where the truth's touch
+    truth_weight: float = 4.0  # of the mouth: rest and closures stay the truth's
     # the paper's is of the whole face; asked of lids, it pulls blinks to their mean: few are left
     geometry_of: Literal["mouth", "face"] = "mouth"
 

@@ -15,7 +15,7 @@ NEAR_MM = 1.0  # a gap of the inner lips at which they are hardly apart
 NEAR_FRAMES = 2  # that a closure may be early or late
 SHUT_WEIGHT = 1.0  # of a missed closure, on top of the 1 of a false one
 REST_FRAMES = 7  # together for so long before and after: not speaking
-REST_WEIGHT = 0.1  # per mm
+REST_WEIGHT = 0.3  # per mm
 JITTER_FLOOR_MM = 0.5  # per frame^3; 0.5 mm is what a jaw of 5 mm swings at 2 Hz
 
 

@@ -30,15 +30,16 @@ class StreamConfig:
     audio: Path  # the audio checkpoint, without suffix
     heads: Path  # the heads of the audio stage, for labels of real voices
     output: Path  # .npz to write
-    minutes: float = 300.0
+    minutes: float = 500.0
     stream_frames: int = 900
     seed: int = 0
-    rest_streams: float = 0.12  # share of streams without a word: loudness statistics die away
+    rest_streams: float = 0.15  # share of streams without a word: loudness statistics die away
+    clean_streams: float = 0.25  # share of streams as a good microphone hears them
     shares: tuple[tuple[str, float], ...] = (
-        ("rules", 0.37),
-        ("tracked", 0.43),  # an hour of real motion: each clip comes twice, heard anew
-        ("envelope", 0.05),  # timid: labelled by the audio stage's heads
-        ("rest", 0.15),
+        ("rules", 0.33),
+        ("tracked", 0.52),  # an hour of real motion: each clip comes often, heard anew
+        ("envelope", 0.03),  # timid: labelled by the audio stage's heads
+        ("rest", 0.12),
     )
 
 
@@ -70,12 +71,13 @@ def draw_stream(
     """Random clips end to end: audio [800 T], rig [T, 53], gaze [T, 6]; T = stream_frames."""
     names = [name for name, _ in config.shares if groups.get(name)]
     share = np.array([value for name, value in config.shares if name in names])
+    distorted = 0.0 if rng.random() < config.clean_streams else 0.3
     audio, rig, frames = [], [], 0
     while frames < config.stream_frames:
         truth = str(rng.choice(names, p=share / share.sum()))
         clip = pick(groups[truth], truth, rng)
         length = min(clip.num_frames, 300)
-        part = crop(clip, length, rng)
+        part = crop(clip, length, rng, distorted)
         audio.append(part.audio)
         rig.append(labelled(part, truth, predict))
         frames += length

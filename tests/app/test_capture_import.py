@@ -11,6 +11,8 @@ from app.session import Create
 from app.sinks.arkit import ARKIT_NAMES
 from encoder.capture import build, mocap, real
 from encoder.capture.livelink import read_livelink
+from encoder.capture.phones import PHONES
+from encoder.capture.speech import speak_flite
 from sensors.types import SAMPLE_RATE, InputError
 
 NAMES = [name[0].upper() + name[1:] for name in ARKIT_NAMES]
@@ -132,3 +134,26 @@ def test_own_takes_become_a_subject(tmp_path):
     (take,) = real.own_takes(tmp_path, (0,))
     assert take.clip.truth == "tracked" and take.clip.voice == "own-me"
     assert take.clip.num_frames == 96
+
+
+def test_grid_clips_get_their_phones_where_they_are_said(tmp_path):
+    said = speak_flite("bin blue at f two now", "slt")
+    sound = np.concatenate([np.zeros(24_000, np.float32), said.audio, np.zeros(24_000, np.float32)])
+    (tmp_path / "audio").mkdir()
+    soundfile.write(tmp_path / "audio" / "bbaf2n.ogg", sound, 48_000)
+    starts = [round(25_000 * (0.5 + len(said.audio) / 48_000 * k / 6)) for k in range(7)]
+    words = ["bin", "blue", "at", "f", "two", "now"]
+    rows = [f"{a} {b} {w}" for a, b, w in zip(starts, starts[1:], words, strict=False)]
+    (tmp_path / "alignments.tsv").write_text(f"clip\twords\nbbaf2n\t{' ; '.join(rows)} ;\n")
+    frames = len(sound) // 1920  # 25 FPS
+    weights = np.tile(np.linspace(0, 0.5, frames)[None, :, None], (1, 1, 1)).astype(np.float16)
+    np.savez(
+        tmp_path / "labels.npz", weights=weights, names=np.array(["jawOpen"]),
+        clips=np.array(["bbaf2n"]), fps=np.array(25),
+    )  # fmt: skip
+    (taken,) = mocap.grid_takes(tmp_path, "s1", (0,))
+    phones = [PHONES[i] for i in taken.clip.phones if i > 0]
+    assert phones[0] == "b" and phones[-1] == "aw" and "f" in phones
+    b = np.flatnonzero(taken.clip.phones == PHONES.index("b"))
+    true = [p.start + 0.5 for p in said.phones if p.name == "b"]
+    assert abs(b[0] / 30 - true[0]) < 0.1

@@ -312,3 +312,20 @@ def test_not_speech_is_bounded_and_sometimes_silent():
     sounds = [augment.not_speech(4800, np.random.default_rng(k)) for k in range(30)]
     assert max(float(np.abs(x).max()) for x in sounds) <= 1
     assert any(not x.any() for x in sounds) and any(x.any() for x in sounds)
+
+
+def test_some_streams_are_heard_by_a_good_microphone(pack, monkeypatch):
+    distortions, crop = set[float](), streams.crop
+
+    def watched(clip, frames, rng, p):
+        distortions.add(p)
+        return crop(clip, frames, rng, p)
+
+    monkeypatch.setattr(streams, "crop", watched)
+    groups = {"rules": streams.grouped(pack, "train")["rules"]}
+    config = streams.StreamConfig(
+        pack=pack, audio=pack, heads=pack, output=pack, stream_frames=30, clean_streams=0.5
+    )
+    for seed in range(12):
+        streams.draw_stream(groups, config, dict, np.random.default_rng(seed))
+    assert distortions == {0.0, 0.3}
