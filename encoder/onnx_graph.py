@@ -61,14 +61,6 @@ class Graph:
         names = [self.const(quantised), self.const(scale), "", self.const(bias)]
         return self.op("DynamicQuantizeMatMul", x, *names, domain="com.microsoft")
 
-    def linears(self, x: str, widths: list[int], weight: Array, bias: Array) -> str:
-        """`linear` of inputs of unlike size side by side: each has its own scales as int8."""
-        parts = self.op("Split", x, self.const(widths), outputs=len(widths), axis=1)
-        rows = np.split(weight, np.cumsum(widths)[:-1])
-        biases = [bias, *[np.zeros_like(bias)] * (len(widths) - 1)]
-        products = [self.linear(*each) for each in zip(parts, rows, biases, strict=True)]
-        return self.op("Sum", *products)
-
     def rename(self, name: str, output: str) -> None:
         from onnx import helper
 
@@ -230,8 +222,8 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> Mode
     [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion is added
     before each block, before the output and after it (zeros: nothing; zero_conv.py)."""
     g, dim, tau = Graph(int8), config.dim, _embedded_tau(config, weights)
-    widths = [config.expression_dim, config.audio_dim, config.condition_dim]
-    x = g.linears("inputs", widths, weights["input.weight"].T, weights["input.bias"])
+    # in full precision: what is small among the inputs tells as much as what is large
+    x = g.op("Gemm", "inputs", g.const(weights["input.weight"].T), g.const(weights["input.bias"]))
     new_keys, new_values = [], []
 
     places = [dim] * (config.layers + 1) + [config.expression_dim]

@@ -26,7 +26,7 @@ from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 from sensors.types import InputError
 
 NEAR_MM = 2.0  # a gap of the inner lips; a smaller one is about to be a closure
-SHUT_WEIGHT = 6.0  # closures are rare, and a hair's breadth undoes them
+SHUT_WEIGHT = 10.0  # closures are rare, and a hair's breadth undoes them
 CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
@@ -55,7 +55,7 @@ class EmotionConfig:
     batch: int = 16
     frames: int = 100
     rate: float = CONVOLUTION_RATE
-    lip_weight: float = 1.0  # of L_lip against L_face, both in mm^2; 0: an ablation
+    lip_weight: float = 3.0  # of L_lip against L_face, both in mm^2; 0: an ablation
 
 
 PRESETS: dict[str, dict[str, Any]] = {
