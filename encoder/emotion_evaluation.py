@@ -65,6 +65,8 @@ def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Told]:
     """Segments of held-out real voices; the emotions are laid over the tracked motion."""
     groups = held_out_segments(pack, count, seed).values()
     found = [s for group in groups for s in group if s.clip.truth == "tracked"]
+    frames = min((len(s.phones) for s in found), default=0)  # GRID's recordings are short
+    found = [Segment(s.clip, slice(s.frames.start, s.frames.start + frames)) for s in found]
     chosen = np.random.default_rng(seed).permutation(len(found))[:count]
     result = []
     for index in sorted(chosen):
