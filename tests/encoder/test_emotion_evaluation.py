@@ -1,5 +1,6 @@
 """Judging emotions: truths that differ in the emotion alone, the nearest one, lips and jumps."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,18 @@ def test_held_out_sets(tmp_path: Path) -> None:
     assert neutral[0].rigs.shape == (1 + len(LABELS), 100, 53)
     assert neutral[0].segment.gaze.shape == (100, 6)
     assert judging.tracked(tmp_path, None, 5, 0) == []  # type: ignore[arg-type]
+
+
+def test_real_voices_are_judged_over_as_many_frames_as_the_shortest_has(tmp_path: Path) -> None:
+    clips = [
+        replace(clip("neutral", frames), truth="tracked", voice=voice)
+        for frames, voice in ((230, "facegood"), (89, "grid-s1"), (90, "grid-s1"))
+    ]
+    shard = dataset.write_shard(tmp_path / "real", clips)
+    dataset.write_manifest(tmp_path, [shard], {})
+    told = judging.tracked(tmp_path, lip_geometry(), 5, 0)
+    assert [t.rigs.shape for t in told] == [(1 + len(LABELS), 89, 53)] * 4
+    assert [len(t.segment.gaze) for t in told] == [89] * 4
 
 
 def region(codes: np.ndarray) -> np.ndarray:
