@@ -53,7 +53,7 @@ class DiffusionConfig:
     drop: float = 0.2  # classifier-free guidance dropout of each condition
     last_share: float = 0.6  # of the draws are at tau = N, where the student will live
     # per mm^2 a frame^2. Not more: who may not move fast cannot correct, frame by frame, what was
-    # guessed before the sound was known (at 1.0 free speech's lip sync was a sixth worse)
+    # guessed before the sound was known
     velocity_weight: float = 0.1
     jitter_weight: float = 0.02
     jitter_normalised: bool = True
