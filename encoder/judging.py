@@ -99,16 +99,18 @@ def _opening_figures(openings: list[list[Doubles]], truth: Truth) -> dict[str, f
     jaw = np.concatenate([s.rig[:, JAW_OPEN] for s in truth.segments]).astype(np.float64)
     phones = np.concatenate([segment.phones for segment in truth.segments])
     closing, vowels = np.isin(phones, CLOSING), np.isin(phones, OPEN_VOWELS)
+    real_quick, jaw_quick = metrics.highpassed(real), metrics.highpassed(jaw)
+    real_power = np.mean([metrics.syllable_power(row) for row in truth.openings])
     figures: dict[str, list[float]] = {}
     shut, shut_of, false, false_of = 0, 0, 0, 0
     for drawn in openings:
         guess = np.concatenate(drawn)
         r, shift = metrics.best_shift(guess, real)
-        fast, _ = metrics.best_shift(metrics.highpassed(guess), metrics.highpassed(real), 1)
         jaw_r, _ = metrics.best_shift(guess, jaw, 1)
-        jaw_fast, _ = metrics.best_shift(metrics.highpassed(guess), metrics.highpassed(jaw), 1)
+        quick = metrics.highpassed(guess)
+        fast, _ = metrics.best_shift(quick, real_quick, 1)
+        jaw_fast, _ = metrics.best_shift(quick, jaw_quick, 1)
         power = np.mean([metrics.syllable_power(row) for row in drawn])
-        real_power = np.mean([metrics.syllable_power(row) for row in truth.openings])
         for name, value in (
             ("opening_r", r),
             ("opening_shift_frames", shift),

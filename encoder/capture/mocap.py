@@ -176,8 +176,8 @@ def _grid_take(
     rig = (rig * inside[:, None]).astype(np.float32)
     rig[:, MOUTH_CLOSE] = np.minimum(rig[:, MOUTH_CLOSE], closing_weight(rig))
     upper, gaze = upper_face(np.clip(rig[:, JAW_OPEN] / _JAW_LOUD, 0, 1), rng, reading=True)
-    unknown = np.full(len(rig), -1) if said is None else phone_labels(said, len(rig))
-    phones = np.where(inside > 0, unknown, 0)
+    heard = np.full(len(rig), -1) if said is None else phone_labels(said, len(rig))
+    phones = np.where(inside > 0, heard, 0)
     return take(
         audio, rig + upper, gaze, phones, truth="tracked", voice=voice, split=split, kind="grid"
     )
