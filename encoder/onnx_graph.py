@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 Array = NDArray[Any]
 Weights = dict[str, Array]
 MIN_INT8_INPUTS = 64  # shorter products gain nothing and lose accuracy
+EXACT_CONVS = 3  # they hear a click beside near silence, which one int8 scale cannot hold
 
 
 class Graph:
@@ -52,9 +53,9 @@ class Graph:
         self.nodes.append(helper.make_node(kind, inputs, names, domain=domain, **attributes))
         return names[0] if outputs == 1 else names
 
-    def linear(self, x: str, weight: Array, bias: Array) -> str:
-        """x [rows, inputs] @ weight [inputs, outputs] + bias."""
-        if not self.int8 or weight.shape[0] < MIN_INT8_INPUTS:
+    def linear(self, x: str, weight: Array, bias: Array, *, exact: bool = False) -> str:
+        """x [rows, inputs] @ weight [inputs, outputs] + bias; exact: in full precision."""
+        if exact or not self.int8 or weight.shape[0] < MIN_INT8_INPUTS:
             return self.op("Gemm", x, self.const(weight), self.const(bias))
         scale = np.maximum(np.abs(weight).max(0), 1e-12) / 127
         quantised = np.rint(weight / scale).astype(np.int8)
@@ -85,7 +86,7 @@ class Graph:
 def _conv(
     g: Graph, x: str, context: str, weights: Weights, name: str,
     time: int, stride: int, dilation: int,
-    scale: Array | float = 1.0, shift: Array | float = 0.0,
+    scale: Array | float = 1.0, shift: Array | float = 0.0, *, exact: bool = False,
 ) -> tuple[str, str]:  # fmt: skip
     """Causal convolution of x [time, C] after context [n, C], then scale and shift a channel."""
     weight = weights[f"{name}.weight"]  # [C', C, k]
@@ -97,7 +98,8 @@ def _conv(
     rows = g.op("Gather", joined, index, axis=0)
     rows = g.op("Reshape", rows, g.const([time // stride, kernel * channels]))
     matrix = weight.transpose(2, 1, 0).reshape(-1, width) * scale
-    y = g.linear(rows, matrix, weights.get(f"{name}.bias", np.zeros(width)) * scale + shift)
+    bias = weights.get(f"{name}.bias", np.zeros(width)) * scale + shift
+    y = g.linear(rows, matrix, bias, exact=exact)
     return y, g.op("Slice", joined, g.const([time]), g.const([time + n]), g.const([0]))
 
 
@@ -155,7 +157,10 @@ def audio_model(
         running = i == 0 and config.first_norm == "running"
         scale, shift = (1.0, 0.0) if running else _frozen(weights, f"norms.{i}")
         state = f"conv{i}"
-        x, after[state] = _conv(g, x, state, weights, f"convs.{i}", time, stride, 1, scale, shift)
+        x, after[state] = _conv(
+            g, x, state, weights, f"convs.{i}", time, stride, 1, scale, shift,
+            exact=i < EXACT_CONVS,
+        )  # fmt: skip
         time //= stride
         if running:
             x, after["statistics"] = _running_norm(g, x, config, weights, features)
@@ -223,7 +228,7 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> Mode
     before each block, before the output and after it (zeros: nothing; zero_conv.py)."""
     g, dim, tau = Graph(int8), config.dim, _embedded_tau(config, weights)
     # in full precision: what is small among the inputs tells as much as what is large
-    x = g.op("Gemm", "inputs", g.const(weights["input.weight"].T), g.const(weights["input.bias"]))
+    x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
     new_keys, new_values = [], []
 
     places = [dim] * (config.layers + 1) + [config.expression_dim]
