@@ -184,25 +184,35 @@ class Judgement:
         }
 
     def _switching_figures(self, driver: "Driver", sounds: list[Floats]) -> Figures:
+        """Largest moves while one emotion fades into another, and of the same speech without a
+        fade: neutral, and at the same frames in either emotion (excited lips open faster)."""
         from encoder.emotion import FADE_FRAMES
         from encoder.emotion_evaluation import largest_moves
 
         assert driver.emotions is not None
         rng, seed, face = np.random.default_rng(self.command.seed), 0, self.regions["face"]
-        normal, fades = list[Floats](), list[Floats]()
+        neutral, fades, steady = list[Floats](), list[Floats](), list[Floats]()
         for sound in sounds:
             frames = len(sound) // 1600
-            names = rng.choice(driver.emotions.labels, frames // HOLD_FRAMES + 1)
-            words = np.repeat(names, HOLD_FRAMES)[:frames].tolist()
-            moves = largest_moves(drive(driver, sound, words, seed), face)
+            names = rng.choice(driver.emotions.labels, frames // HOLD_FRAMES + 1).tolist()
+            before, now = (
+                np.repeat(words, HOLD_FRAMES)[1:frames] for words in (["", *names[:-1]], names)
+            )
+
+            def moves(words: "str | list[str]", sound: Floats = sound) -> Floats:
+                return largest_moves(drive(driver, sound, words, seed), face)
+
+            held = {name: moves(name) for name in {"", *names}}
             fading = np.arange(1, frames) % HOLD_FRAMES < FADE_FRAMES
-            fades.append(moves[fading])
-            normal.append(largest_moves(drive(driver, sound, "", seed), face)[FADE_FRAMES:])
-        most, usual = np.concatenate(fades).max(), np.concatenate(normal).max()
+            fades.append(moves([names[0], *now.tolist()])[fading])
+            neutral.append(held[""][FADE_FRAMES:])
+            steady += [held[name][fading & ((before == name) | (now == name))] for name in held]
+        most, usual, steadily = (float(np.concatenate(x).max()) for x in (fades, neutral, steady))
         return {
-            "switching_jump_mm": float(most),
-            "normal_jump_mm": float(usual),
-            "switching_jump_over_normal": float(most / usual),
+            "switching_jump_mm": most,
+            "neutral_jump_mm": usual,
+            "steady_jump_mm": steadily,
+            "switching_jump_over_normal": most / max(usual, steadily),
         }
 
 

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 # region: every n-th vertex, and the weight of one
 FACE_VERTICES = {
     "narrow_face": (24, 1.0), "upper_face": (24, 1.0), "brows": (12, 2.0), "eyelids": (10, 2.0),
-    "lips": (12, 1.0),
+    "lips": (6, 16.0),
 }  # fmt: skip
 LIP_VERTICES = {"lips": (6, 1.0)}
 

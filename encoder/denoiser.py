@@ -8,6 +8,7 @@ outpainting, exactly.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import log, pi
@@ -34,6 +35,11 @@ class DenoiserConfig:
     causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
     attention: Literal["softmax", "linear"] = "softmax"
     num_steps: int = 200  # N
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Sizes of what an emotion may change: before each block and the output, and after it."""
+        return (*[self.dim] * (self.layers + 1), self.expression_dim)
 
 
 PRESETS = {
@@ -126,10 +132,12 @@ class Block(nn.Module):
         return x + gate2 * self.down(functional.gelu(self.up(y), approximate="tanh")), kept
 
 
-def _with(x: Tensor, emotion: Tensor | None, place: int) -> Tensor:
-    """x [B, T, dim] and what the emotion adds at this place, the same at all frames."""
-    start = place * x.shape[-1]
-    return x if emotion is None else x + emotion[:, None, start : start + x.shape[-1]]
+def _with(x: Tensor, emotion: Tensor | None) -> Tensor:
+    """x [B, T, C] shifted and scaled by an emotion [B, 1, 2 C], alike at all frames."""
+    if emotion is None:
+        return x
+    shift, scale = emotion.chunk(2, -1)
+    return x * (1 + scale) + shift
 
 
 class Denoiser(nn.Module):
@@ -183,9 +191,13 @@ class Denoiser(nn.Module):
         cos, sin = rope_angles(positions, self.config.dim // self.config.heads)
         return cos.to(self.output.weight.dtype), sin.to(self.output.weight.dtype)
 
-    def _output(self, x: Tensor, emotion: Tensor | None) -> Tensor:  # [B, T, dim] -> x0
-        x0 = self.output(self.norm(_with(x, emotion, self.config.layers)))
-        return x0 if emotion is None else x0 + emotion[:, None, -self.config.expression_dim :]
+    def _places(self, emotion: Tensor | None) -> Sequence[Tensor | None]:
+        """What it does at each of config.places."""
+        sizes = [2 * size for size in self.config.places]
+        return [None] * len(sizes) if emotion is None else emotion[:, None].split(sizes, -1)
+
+    def _output(self, x: Tensor, places: Sequence[Tensor | None]) -> Tensor:  # [B, T, dim] -> x0
+        return _with(self.output(self.norm(_with(x, places[-2]))), places[-1])
 
     def forward(
         self,
@@ -195,16 +207,16 @@ class Denoiser(nn.Module):
         condition: Tensor,  # [B, T, condition_dim]
         keep_audio: Tensor | None = None,  # [B] bool; False: the learned null
         keep_condition: Tensor | None = None,  # [B] bool
-        emotion: Tensor | None = None,  # [B, (layers + 1) dim + 256], see zero_conv.py
+        emotion: Tensor | None = None,  # [B, 2 sum(places)], see zero_conv.py
     ) -> Tensor:  # x0 [B, T, 256]
         x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         positions = torch.arange(x.shape[1], device=x.device)
         lag = positions[:, None] - positions[None]
         mask = (lag >= 0) & (lag <= self.config.window) | (not self.config.causal)
-        rope, embedded = self._rope(positions), self._tau(tau)
+        rope, embedded, places = self._rope(positions), self._tau(tau), self._places(emotion)
         for i, block in enumerate(self.blocks):
-            x, _ = block(_with(x, emotion, i), embedded, None, rope, mask)
-        return self._output(x, emotion)
+            x, _ = block(_with(x, places[i]), embedded, None, rope, mask)
+        return self._output(x, places)
 
     def init_state(self, batch: int) -> State:
         """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
@@ -228,10 +240,10 @@ class Denoiser(nn.Module):
         mask = (lag >= 0) & (lag <= window) & (positions >= 0)
         fresh = (positions[:window] >= 0)[:, None]  # a stale slot may hold anything, even NaN
         keys, values = torch.where(fresh, state["keys"], 0), torch.where(fresh, state["values"], 0)
-        rope, embedded = self._rope(positions), self._tau(tau)
+        rope, embedded, places = self._rope(positions), self._tau(tau), self._places(emotion)
         kept = []
         for i, block in enumerate(self.blocks):
-            x = _with(x, emotion, i)
+            x = _with(x, places[i])
             x, (k, v) = block(x, embedded, (keys[i], values[i]), rope, mask)
             kept.append((k[:, :, time:], v[:, :, time:]))
         state = {
@@ -239,4 +251,4 @@ class Denoiser(nn.Module):
             "values": torch.stack([v for _, v in kept]),
             "frame": state["frame"] + time,
         }
-        return self._output(x, emotion), state
+        return self._output(x, places), state

@@ -143,8 +143,7 @@ class OnnxBackend:
         self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, int8))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
-        width = (self.config.layers + 1) * self.config.dim + self.config.expression_dim
-        self.calm = np.zeros((1, width), np.float32)
+        self.calm = np.zeros((1, 2 * sum(self.config.places)), np.float32)
 
     def init_state(self) -> BackendState:
         c = self.config
@@ -314,7 +313,7 @@ def load_driver(
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
     eyes = load_eye_encoder(folder) if condition == "eyes" else None
     # a student that sees is the audio model but for its first layers: the same emotions add to it
-    # the same faces (smiles, brows: cosine of the codes' changes 0.97 to 0.997)
+    # the same faces (smiles, brows: cosine of the codes' changes 0.997 and more)
     emotions = load_emotions(folder, card.get("audio_model", card)["sha256"])
     runner = create_backend(encoder, denoiser, backend, device)
     return Driver(runner, denoiser, eyes, emotions=emotions)

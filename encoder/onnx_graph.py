@@ -224,17 +224,22 @@ def _attention(
 
 def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> ModelProto:
     """One frame at tau = N. keys, values [L, H, w, D] hold the past, rotated, in any order; bias
-    [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion is added
-    before each block, before the output and after it (zeros: nothing; zero_conv.py)."""
+    [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion [1, width]
+    holds the shift and the scale of each place (zeros: nothing; zero_conv.py)."""
     g, dim, tau = Graph(int8), config.dim, _embedded_tau(config, weights)
     # in full precision: what is small among the inputs tells as much as what is large
     x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
     new_keys, new_values = [], []
 
-    places = [dim] * (config.layers + 1) + [config.expression_dim]
-    added = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
+    places = np.repeat(config.places, 2)
+    moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
+
+    def felt(x: str, place: int) -> str:
+        scale = g.op("Add", moods[2 * place + 1], g.const(np.array([1.0])))
+        return g.op("Add", g.op("Mul", x, scale), moods[2 * place])
+
     for i in range(config.layers):
-        name, x = f"blocks.{i}", g.op("Add", x, added[i])
+        name, x = f"blocks.{i}", felt(x, i)
         modulation = weights[f"{name}.modulate.weight"] @ tau + weights[f"{name}.modulate.bias"]
         shift1, scale1, gate1, shift2, scale2, gate2 = np.split(modulation, 6)
         y = g.op("LayerNormalization", x, g.const(1 + scale1), g.const(shift1), epsilon=1e-5)
@@ -247,11 +252,11 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> Mode
         y = g.op("Gelu", y, approximate="tanh")
         down, down_bias = weights[f"{name}.down.weight"].T, weights[f"{name}.down.bias"]
         x = g.op("Add", x, g.linear(y, down * gate2, down_bias * gate2))
-    x = g.op("Add", x, added[-2])
+    x = felt(x, config.layers)
     scale, shift = g.const(weights["norm.weight"]), g.const(weights["norm.bias"])
     x = g.op("LayerNormalization", x, scale, shift, epsilon=1e-5)
     x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
-    g.rename(g.op("Add", x0, added[-1]), "x0")
+    g.rename(felt(x0, config.layers + 1), "x0")
     new = [config.layers, config.heads, dim // config.heads]
     g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
     g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")
@@ -260,6 +265,6 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> Mode
     rope = [1, 1, dim // config.heads]
     return g.model(
         {"inputs": [1, inputs], "keys": cache, "values": cache, "cos": rope, "sin": rope,
-         "bias": [1, 1, config.window + 1], "emotion": [1, sum(places)]},
+         "bias": [1, 1, config.window + 1], "emotion": [1, int(places.sum())]},
         {"x0": [1, config.expression_dim], "key": new, "value": new},
     )  # fmt: skip

@@ -89,5 +89,6 @@ def contact_loss(predicted: Tensor, truth: Tensor) -> Tensor:
     closest = [functional.max_pool1d(x, 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES) for x in near]
     missed = (closest[0] - closest[1]).square() * (1 + SHUT_WEIGHT * closest[1])
     resting = -functional.max_pool1d(-near[1], 2 * REST_FRAMES + 1, 1, REST_FRAMES) > 0.5
-    wandered = ((predicted - truth).square().sum(-1) + 1e-4).sqrt().mean(-1) * resting
+    distance = ((predicted - truth).square().sum(-1) + 1e-4).sqrt() - 1e-2
+    wandered = distance.mean(-1) * resting
     return missed.mean() + REST_WEIGHT * wandered.mean()

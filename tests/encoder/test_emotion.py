@@ -20,7 +20,7 @@ from sensors.types import FPS, InputError, SensorFrame
 LABELS = ("happy", "sad", "angry")
 
 
-def emotions(width: int = 3 * 64 + 256) -> Emotions:
+def emotions(width: int = 2 * (3 * 64 + 256)) -> Emotions:
     table = np.random.default_rng(3).standard_normal((len(LABELS), width))
     return Emotions(LABELS, (0.5 * table).astype(np.float32))
 
@@ -44,8 +44,8 @@ def drive(made: Driver, audio: np.ndarray, words: list[str] | str) -> np.ndarray
 
 def test_untrained_zero_convolutions_change_no_bit() -> None:
     _, denoiser = models()
-    zero = ZeroConvs(ZeroConvConfig.of(denoiser.config, LABELS))
-    assert zero.embeddings.shape == (3, 512) and len(zero.convs) == denoiser.config.layers + 1
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=denoiser.config.places))
+    assert zero.embeddings.shape == (3, 512) and len(zero.shifts) == denoiser.config.layers + 2
     noisy, audio, gaze = torch.randn(2, 40, 256), torch.randn(2, 40, 512), torch.randn(2, 40, 6)
     tau, added = torch.full((2,), 200), zero(torch.rand(2, 3))
     with torch.no_grad():
@@ -55,10 +55,12 @@ def test_untrained_zero_convolutions_change_no_bit() -> None:
         frames, _ = denoiser.step(noisy, tau, audio, gaze, start)
         same, _ = denoiser.step(noisy, tau, audio, gaze, start, emotion=added)
         assert torch.equal(frames, same)
-        for conv in (*zero.convs, zero.output):
-            torch.nn.init.normal_(conv.bias)  # type: ignore[arg-type]
-        other = denoiser(noisy, tau, audio, gaze, emotion=zero(torch.rand(2, 3)))
-        assert (other - expected).abs().max() > 0.1
+        for convs in (zero.shifts, zero.scales):
+            for conv in convs:
+                torch.nn.init.normal_(conv.bias)  # type: ignore[arg-type]
+            other = denoiser(noisy, tau, audio, gaze, emotion=zero(torch.rand(2, 3)))
+            assert (other - expected).abs().max() > 0.1
+            expected = other
 
 
 def test_every_place_counts_and_only_its_own() -> None:
@@ -68,12 +70,13 @@ def test_every_place_counts_and_only_its_own() -> None:
     noisy, audio, gaze = (torch.randn(1, 5, n) for n in shapes)
     tau, seen = torch.tensor([200]), []
     with torch.no_grad():
-        for place in range(denoiser.config.layers + 2):
-            added = torch.zeros(1, ZeroConvConfig.of(denoiser.config, LABELS).width)
-            added[:, 64 * place : 64 * place + 64] = torch.randn(64)
+        width = 2 * sum(denoiser.config.places)
+        for start in range(0, width, 64):  # shift and scale of a place in turn
+            added = torch.zeros(1, width)
+            added[:, start : start + 64] = torch.randn(64)
             whole = denoiser(noisy, tau, audio, gaze, emotion=added)
-            start = denoiser.init_state(1)
-            steps, _ = denoiser.step(noisy, tau, audio, gaze, start, emotion=added)
+            state = denoiser.init_state(1)
+            steps, _ = denoiser.step(noisy, tau, audio, gaze, state, emotion=added)
             assert (whole - steps).abs().max() < 1e-5
             seen.append(whole)
     assert all((a - b).abs().max() > 1e-3 for a, b in zip(seen, seen[1:], strict=False))
@@ -146,8 +149,8 @@ def test_words() -> None:
 
 
 def test_weights_of_another_student_are_left_alone(tmp_path: Path) -> None:
-    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, layers=2, dim=8))
-    torch.nn.init.normal_(zero.convs[0].bias)  # type: ignore[arg-type]
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=(8, 8, 256)))
+    torch.nn.init.normal_(zero.scales[0].bias)  # type: ignore[arg-type]
     card = {"kind": "emotion", "config": asdict(zero.config), "student_sha256": "mine"}
     assert load_emotions(tmp_path, "mine") is None
     save(tmp_path / "emotion", zero.state_dict(), card)
@@ -155,7 +158,7 @@ def test_weights_of_another_student_are_left_alone(tmp_path: Path) -> None:
     loaded = load_emotions(tmp_path, "mine")
     assert loaded is not None and loaded.labels == LABELS
     assert np.allclose(loaded.table, zero.table().detach().numpy())
-    wide = replace(zero.config, dim=9)
+    wide = replace(zero.config, places=(9, 8, 256))
     save(tmp_path / "emotion", zero.state_dict(), card | {"config": asdict(wide)})
     with pytest.raises(InputError, match="livedrive train emotion"):
         load_emotions(tmp_path, "mine")

@@ -92,11 +92,11 @@ def test_the_nearest_truth_wins_and_confusions_add_up() -> None:
 def test_codes_share_their_noise_and_differ_by_the_emotion() -> None:
     torch.manual_seed(0)
     model = Denoiser(PRESETS["debug"]).eval()
-    zero = ZeroConvs(ZeroConvConfig.of(model.config, LABELS))
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=model.config.places))
     audio, gaze = torch.randn(2, 8, 512), torch.randn(2, 8, 6)
     plain = judging.codes(model, None, audio, gaze, [1, 2], 0.0, 0)
     assert np.array_equal(judging.codes(model, zero, audio, gaze, [1, 2], 1.0, 0), plain)
-    torch.nn.init.normal_(zero.convs[-1].weight)  # type: ignore[arg-type]
+    torch.nn.init.normal_(zero.shifts[-1].weight)  # type: ignore[arg-type]
     felt = judging.codes(model, zero, audio, gaze, [1, 2], 1.0, 0)
     other = judging.codes(model, zero, audio, gaze, [1, 3], 1.0, 0)
     assert np.array_equal(felt[0], other[0]) and not np.array_equal(felt[1], other[1])

@@ -119,12 +119,12 @@ def test_an_emotion_laid_over_shut_lips_leaves_them_shut(label: str) -> None:
 
 def test_the_losses_ask_for_the_face_and_for_the_neutral_lips() -> None:
     rig = np.zeros((1, 20, 53), np.float32)
-    rig[..., JAW_OPEN] = 0.2 + 0.2 * np.sin(np.arange(20))
+    rig[..., JAW_OPEN] = 0.6 + 0.2 * np.sin(np.arange(20))
     neutral = torch.tensor(rig @ BASIS)
     smiling, opened, frozen = rig.copy(), rig.copy(), rig.copy()
     smiling[..., SMILE] += 0.5
     opened[..., JAW_OPEN] += 0.1
-    frozen[..., JAW_OPEN] = 0.2
+    frozen[..., JAW_OPEN] = 0.6
     codes = {name: torch.tensor(x @ BASIS) for name, x in
              (("smiling", smiling), ("opened", opened), ("frozen", frozen))}  # fmt: skip
 
@@ -166,7 +166,7 @@ def test_shut_lips_stay_shut_in_every_style() -> None:
 def test_only_the_zero_convolutions_learn() -> None:
     _, student = models()
     student.requires_grad_(False)
-    zero = ZeroConvs(ZeroConvConfig.of(student.config, LABELS))
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=student.config.places))
     style = emotion.LipStyle.of(FACE.whole)
     optimizer, curve = torch.optim.AdamW(zero.parameters(), 3e-3), list[float]()
     rig = np.zeros((2, 12, 53), np.float32)
@@ -211,9 +211,9 @@ def test_it_trains_and_resumes(pack: Path, tmp_path: Path, fine_tune: bool) -> N
 
 
 def test_convolutions_of_another_shape_are_refused(tmp_path: Path) -> None:
-    sizes = ZeroConvConfig(labels=LABELS, layers=2, dim=8)
+    sizes = ZeroConvConfig(labels=LABELS, places=(8, 8, 256))
     card = {"kind": "emotion", "config": vars(sizes)}
     checkpoint.save(tmp_path / "emotion", ZeroConvs(sizes).state_dict(), card)
     assert emotion.load_zero_convs(tmp_path / "emotion", sizes).config == sizes
     with pytest.raises(InputError, match="--start"):
-        emotion.load_zero_convs(tmp_path / "emotion", replace(sizes, layers=3))
+        emotion.load_zero_convs(tmp_path / "emotion", replace(sizes, places=(8, 256)))
