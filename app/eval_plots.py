@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 SHIFTS = range(-6, 7)  # frames
+COLUMNS = 4  # of loss curves
 
 
 def shift_errors(guess: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> list[float]:
@@ -46,18 +47,23 @@ def save(
     from matplotlib import pyplot
 
     folder.mkdir(parents=True, exist_ok=True)
-    figure, axes = pyplot.subplots(figsize=(6, 4), constrained_layout=True)
-    for name, errors in shifts.items():
-        axes.plot([1000 / 30 * s for s in SHIFTS], errors, marker="o", label=name)
+    figure, axes = pyplot.subplots(figsize=(8, 4.5), constrained_layout=True)
+    for name, errors in sorted(shifts.items(), key=lambda item: item[0].startswith("language")):
+        style = {"color": "lightgray", "zorder": 1} if name.startswith("language") else {}
+        axes.plot([1000 / 30 * s for s in SHIFTS], errors, marker=".", label=name, **style)
+    axes.axvline(0, color="gray", linewidth=0.5)
     axes.set(xlabel="motion compared so much later (ms)", ylabel="error of lip opening (mm)")
-    axes.legend()
+    figure.legend(loc="outside right upper", fontsize="small")
     paths = [folder / "shift.png"]
     figure.savefig(paths[0], dpi=120)
     if curves:
+        rows = -(-len(curves) // COLUMNS)
         figure, grid = pyplot.subplots(
-            1, len(curves), figsize=(4 * len(curves), 3.2), squeeze=False, constrained_layout=True
+            rows, COLUMNS, figsize=(4 * COLUMNS, 3.2 * rows), squeeze=False, constrained_layout=True
         )
-        for panel, (name, curve) in zip(grid[0], curves.items(), strict=True):
+        for panel in grid.flat[len(curves) :]:
+            panel.set_axis_off()
+        for panel, (name, curve) in zip(grid.flat, curves.items(), strict=False):
             for key, values in curve.items():
                 if key != "step":
                     panel.plot(curve["step"], values, label=key)

@@ -66,7 +66,9 @@ class EvalSpeech:
                 print(f"wrote {path}")
         bars = make_bars(metrics)
         if self.report:
-            report = {"metrics": metrics, "bars": bars, "seed": self.seed, "avatar": self.avatar}
+            rounded = {name: round(value, 4) for name, value in metrics.items()}
+            report = {"metrics": rounded, "bars": bars, "seed": self.seed, "avatar": self.avatar}
+            report |= {"samples": self.samples, "segments": self.segments}
             report |= {"test_set": str(self.data), "not_trained": judged.missing}
             self.report.write_text(json.dumps(report, indent=2) + "\n")
         finish(bars)
