@@ -210,9 +210,10 @@ class Judgement:
         most, usual, steadily = (float(np.concatenate(x).max()) for x in (fades, neutral, steady))
         return {
             "switching_jump_mm": most,
-            "neutral_jump_mm": usual,
+            "normal_jump_mm": usual,
             "steady_jump_mm": steadily,
-            "switching_jump_over_normal": most / max(usual, steadily),
+            "switching_jump_over_normal": most / usual,
+            "switching_jump_over_steady": most / steadily,
         }
 
 

@@ -1,4 +1,4 @@
-"""Emotions at run time: words -> intensities, cross-faded -> what the blocks of the denoiser add.
+"""Emotions at run time: words -> intensities, cross-faded -> shifts and scales in the denoiser.
 
 Words are those of the command line, of the network and of a session's timeline: `happy`,
 `happy:0.7`, `happy:0.5+surprised:0.3`, `neutral`. Between a SensorFrame and Backend.denoise in the
@@ -38,7 +38,7 @@ class Mood:
 
 @dataclass(frozen=True, eq=False)
 class Emotions:
-    """What each label adds between the blocks at full intensity."""
+    """What each label does between the blocks at full intensity."""
 
     labels: tuple[str, ...]
     table: Floats  # [labels, width], see zero_conv.py
@@ -74,7 +74,7 @@ class Emotions:
         return self.labels.index(name)
 
     def step(self, words: str, mood: Mood) -> tuple[Floats | None, Mood]:
-        """One frame -> [width] to add, None where it is nothing; the next state.
+        """One frame -> [width] for the denoiser, None where it is nothing; the next state.
 
         New words are faded to from wherever the last fade has come.
         """

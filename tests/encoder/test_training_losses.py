@@ -92,7 +92,7 @@ def test_contact_asks_for_closures_within_two_frames_and_for_no_others():
     exact, late, missed = (float(contact_loss(speaking(*at), truth)) for at in ((30,), (32,), ()))
     too_late, false = (float(contact_loss(speaking(*at), truth)) for at in ((36,), (10, 30)))
     assert exact < 1e-3 and late < 0.6 * missed
-    assert too_late > missed > 1.5 * false > 0.05
+    assert too_late > missed > 1.9 * false > 0.05
 
 
 def test_contact_leaves_open_lips_alone_and_holds_lips_at_rest():
