@@ -6,6 +6,7 @@ renderer. Every bar of the issue is one line of the table.
 
 import json
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -81,6 +82,7 @@ BARS: tuple[tuple[str, float], ...] = (
     ("scan_vertex_error_mm", 1.0),
     ("scan_psnr_db", -28.0),
     ("decode_cpu_ms", 5.0),
+    ("decode_gpu_ms", 0.5),
     ("weights_mb", 16.0),
     ("live_link_round_trip_mae", 0.03),
 )
@@ -239,21 +241,29 @@ def scan(judge: "Judge") -> dict[str, float]:
 
 
 def cost(judge: "Judge") -> dict[str, float]:
-    """CPU time of a decode, median, and the size of the weights."""
+    """What a decode takes, median: CPU time, or on a GPU until the result is back; weights."""
     from render import identity
     from render.judge import weights_mb
+    from render.torch_decoder import TorchDecoder, on_device
     from render.types import AHEAD
 
     who = identity.load(identity.names()[0])
     metrics = {"weights_mb": weights_mb()}
-    for name, decoder in (("decode_cpu_ms", judge.decoder), ("decode_16k_cpu_ms", judge.sparse)):
+    rows: list[tuple[str, Any, Callable[[], float]]] = [
+        ("decode_cpu_ms", judge.decoder, time.process_time),
+        ("decode_16k_cpu_ms", judge.sparse, time.process_time),
+    ]
+    on_gpu = on_device(judge.decoder, "auto")
+    if isinstance(on_gpu, TorchDecoder):
+        rows.append(("decode_gpu_ms", on_gpu, time.perf_counter))
+    for name, decoder, clock in rows:
         rng = np.random.default_rng(0)
         times = []
         for _ in range(TIMED_FRAMES):
-            code = decoder.sample(rng)
-            start = time.process_time()
+            code = judge.decoder.sample(rng)
+            start = clock()
             decoder.decode(code, AHEAD, who)
-            times.append(1e3 * (time.process_time() - start))
+            times.append(1e3 * (clock() - start))
         metrics[name] = float(np.median(times))
     return metrics
 

@@ -12,6 +12,7 @@ import gc
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +29,15 @@ from render.types import AHEAD, Camera, Renderer
 from sensors.assemble import Assembler
 from sensors.types import FPS, NS, Clock, Packet, Source
 
+if TYPE_CHECKING:
+    from render.torch_decoder import TorchDecoder
+
 
 @dataclass
 class Head:
     """What turns a driven frame into a picture."""
 
-    decoder: Decoder
+    decoder: "Decoder | TorchDecoder"
     identity: Identity
     renderer: Renderer
     camera: Camera

@@ -71,7 +71,7 @@ class DriveOptions(NetworkOptions):
     seed: int = 0
     """Seed of the diffusion noise and of the gaze."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where the networks run."""
+    """Where the networks and the decoder run."""
 
     def load_driver(self, has_eyes: bool = False) -> "Driver":
         """Check the options and load the networks; `has_eyes`: the source shows eyes."""
@@ -128,6 +128,7 @@ class DriveOptions(NetworkOptions):
         from render import cameras, identity
         from render.decoder import Decoder
         from render.renderer import create_renderer
+        from render.torch_decoder import on_device
 
         who, decoder = identity.load(self.avatar), Decoder.load(gaussians=self.gaussians)
         stages, emotions = Stages(), self._emotion_control(driver)
@@ -143,7 +144,7 @@ class DriveOptions(NetworkOptions):
         renderer = create_renderer() if draw else None
         behind = background.flat(self.background)
         camera = cameras.portrait(self.size, self.size, background=behind)
-        head = Head(decoder, who, renderer, camera) if renderer else None
+        head = Head(on_device(decoder, self.device), who, renderer, camera) if renderer else None
         info = RunInfo(width=self.size, height=self.size, frames=frames)
         try:
             summary = drive(

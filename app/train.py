@@ -59,7 +59,7 @@ class Train:
 
             out = self.out or weights_file.FOLDER
             work = self.data / f"prior_{self.preset}"
-            prior.run(self.face, out, self.preset, work, self.take, self.seed)
+            prior.run(self.face, out, self.preset, work, self.take, self.seed, self.device)
         else:
             from app.training import run_stage
 

@@ -70,10 +70,10 @@ class Line:
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
-        posing_kernels.move_apart(vertices, self.members, self.share, *self._between, by)
+        posing_kernels.move_apart(vertices, self.members, self.share, *self.between, by)
 
     @cached_property
-    def _between(self) -> tuple[Ints, Floats]:
+    def between(self) -> tuple[Ints, Floats]:
         """The column before each member, and how far it is towards the next: 0..1."""
         first = np.searchsorted(self.columns, self.place).clip(1, len(self.columns) - 1) - 1
         gap = self.columns[first + 1] - self.columns[first]

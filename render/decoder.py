@@ -113,13 +113,13 @@ class Decoder:
     def seen(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [2, U]
         """Shares of the sky and of the key light that reach each used vertex."""
         code = self.coding.normalised(expression.astype(np.float32))
-        known, out = self._follows(identity), np.empty_like(identity.seen)
+        known, out = self.follows(identity), np.empty_like(identity.seen)
         change = self.light(code, known.biases) - known.light
-        kernels.read_light(*self._read, change, identity.seen, out)
+        kernels.read_light(*self.texels, change, identity.seen, out)
         return out
 
     @cached_property
-    def _read(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
+    def texels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
         """`read` for texels in the light decoder's order: starts of rows, texels, weights."""
         place = np.argsort(self.light.order(len(self.light.ups))).astype(np.int32)
         starts, texels = self.read.indptr.astype(np.int32), self.read.indices
@@ -133,7 +133,7 @@ class Decoder:
     ) -> tuple[Mesh, Gaussians]:
         """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, highlights and hair."""
         vertices = self.vertices(expression, gaze, identity)
-        known = self._follows(identity)
+        known = self.follows(identity)
         count, hair = len(known.opacities), identity.hair
         total = count + 2 + len(hair)
         means, quats = np.empty((total, 3), np.float32), np.empty((total, 4), np.float32)
@@ -143,7 +143,7 @@ class Decoder:
         placed = Placed(means[:count], quats[:count], scales[:count], colors[:count])
         seen = self.seen(expression, identity)
         self.surface.place(vertices, seen, known.still, known.reflected, placed)
-        for line, eye, lids in zip(self.posing.lid_lines, *self._eyes, strict=True):
+        for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
             line.veil(vertices, placed.means, eye, placed.colors[lids].mean(0), placed.colors)
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
@@ -164,7 +164,7 @@ class Decoder:
         return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
 
     @cached_property
-    def _eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
+    def eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
         """Gaussians on each eyeball; on the lids before it."""
         eyelids = self.regions["eyelids"]
         left = np.isin(eyelids, self.posing.lids[0])
@@ -178,7 +178,8 @@ class Decoder:
         share = self.surface.interpolate @ np.isin(self.surface.used, vertices).astype(np.float32)
         return np.flatnonzero(share > 0.99)
 
-    def _follows(self, identity: Identity) -> Known:
+    def follows(self, identity: Identity) -> Known:
+        """Kept for as long as the identity lives."""
         known = self._known.get(identity)
         if known is None:
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))

@@ -50,11 +50,11 @@ class Lighting:
         """
         gains = np.ones_like(normals) if gains is None else gains
         out = np.empty((len(normals), 8), np.float32)
-        kernels.receive(normals, gains, TOWARDS, *self._terms, out)
+        kernels.receive(normals, gains, TOWARDS, *self.terms, out)
         return out
 
     @cached_property
-    def _terms(self) -> tuple[Floats, Floats]:  # [3, 3, 2], [3, 2]
+    def terms(self) -> tuple[Floats, Floats]:  # [3, 3, 2], [3, 2]
         """Gain and offset over the cosine: of each lamp and channel, of the sky."""
         gains = np.array([self.fill, self.rim, self.key], np.float32) / (1 + WRAP)
         up, down = np.array(self.sky, np.float32), np.array(self.ground, np.float32)

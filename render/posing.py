@@ -85,7 +85,7 @@ class Posing:
 
     def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
         vertices = np.empty_like(rest.geometry)
-        posing_kernels.blend(rest.geometry.reshape(-1), *self._shapes, rig, vertices.reshape(-1))
+        posing_kernels.blend(rest.geometry.reshape(-1), *self.shapes, rig, vertices.reshape(-1))
         for eye in range(2):
             blink = min(max(float(rig[self.blinks[eye]]), 0.0), 1.0)
             self.lid_lines[eye].open(vertices, blink * rest.shut[eye])
@@ -93,7 +93,7 @@ class Posing:
         return vertices
 
     @cached_property
-    def _shapes(self) -> tuple[Ints, NDArray[np.uint8], NDArray[np.int16], np.float32]:
+    def shapes(self) -> tuple[Ints, NDArray[np.uint8], NDArray[np.int16], np.float32]:
         """The basis by blocks of vertices: where each one's shapes begin [B + 1], these [E], how
         they move [E, WIDTH], in units of so many mm: a thousandth, half the memory to read."""
         width = posing_kernels.WIDTH

@@ -91,8 +91,8 @@ class Surface:
         normals, _, areas = self.whole.normals(vertices)
         widths = self.scales * stretched(areas.take(self.triangle), self.rest_areas)
         return Still(
-            normals[self._quiet],
-            lights.parts(normals[self._quiet]),
+            normals[self.quiet],
+            lights.parts(normals[self.quiet]),
             self.face.normals(vertices)[1],
             np.where(self.live_triangle < 0, widths, self.scales),
         )
@@ -108,7 +108,7 @@ class Surface:
     ) -> None:
         """The anchored Gaussians of a posed face."""
         carried, areas = self.carried(vertices, seen, still, lights)
-        rows, weights, triangles, rest_areas = self._anchors
+        rows, weights, triangles, rest_areas = self.anchors
         kernels.ride(
             *(carried, rows, weights, areas, triangles, rest_areas, still.widths, reflected),
             *(*STRETCH, FLATNESS, *out),
@@ -124,7 +124,7 @@ class Surface:
         out = np.empty((len(self.used), 10), np.float32)
         for rows, turned, lit in (
             (self.live, normals, parts),
-            (self._quiet, still.normals, still.parts),
+            (self.quiet, still.normals, still.parts),
         ):
             kernels.carry(
                 *(vertices, self.used, rows, turned, lit, self.shine, seen),
@@ -144,12 +144,12 @@ class Surface:
         )
 
     @cached_property
-    def _quiet(self) -> Ints:  # [U - L]
+    def quiet(self) -> Ints:  # [U - L]
         """Rows of `used` that are not live."""
         return np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
 
     @cached_property
-    def _anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
+    def anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
         """Rows of `used` around the anchors [N, 3] and their shares [N, 3]; the triangles of
         `face` that their widths follow [N] and these areas at rest [N]: 1 for what is still."""
         rows = self.interpolate.indices.reshape(-1, 3).astype(np.uint16)

@@ -2,7 +2,7 @@
 
 Reference pictures of many people, expressions, views and lights come from the mesh renderer. What
 is fitted is universal: the width and opacity of every Gaussian, and how its colour is read from a
-person's textures. So a person never seen gets fitted Gaussians too. CPU, resumable.
+person's textures. So a person never seen gets fitted Gaussians too. CPU or GPU, resumable.
 """
 
 from dataclasses import dataclass, replace
@@ -139,22 +139,26 @@ def crop(camera: Camera, rng: np.random.Generator) -> Camera:
 
 def draw(view: View, levels: Floats, widths: Tensor, opacities: Tensor, mixing: Tensor):
     """The view's Gaussians as a picture [H, W, 3] and the number of pairs."""
-    albedo = torch.einsum("nl,nlc->nc", mixing, torch.from_numpy(levels)).clamp(0, 1)
-    light = torch.from_numpy(view.light)
+    device = mixing.device
+    albedo = torch.einsum("nl,nlc->nc", mixing, torch.from_numpy(levels).to(device)).clamp(0, 1)
+    light = torch.from_numpy(view.light).to(device)
     colors = torch.sqrt((albedo * albedo * light[:, :3] + light[:, 3:]).clamp(1e-6, 1))
     normals = surface.faced(view.placed.quats)
     normals = normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9)
-    flat = splatter.project(view.placed.means, normals, float(surface.FLATNESS), view.camera)
-    stretched = widths * torch.from_numpy(view.stretch)
+    flatness = float(surface.FLATNESS)
+    flat = splatter.project(view.placed.means, normals, flatness, view.camera, str(device))
+    stretched = widths * torch.from_numpy(view.stretch).to(device)
     return splatter.draw(flat, stretched, opacities, colors, view.camera)
 
 
-def run(studio: Studio, count: int, state: Path, steps: int, seed: int) -> Fitted:
+def run(
+    studio: Studio, count: int, state: Path, steps: int, seed: int, device: str = "cpu"
+) -> Fitted:
     """Fit for `steps` pictures; `state` is written every 20 steps and continued from."""
-    parameters = initial(studio)
+    parameters = initial(studio, device)
     optimizer, done = VisibleAdam(parameters, RATES), 0
     if state.exists():
-        done = optimizer.restore(torch.load(state, weights_only=True))
+        done = optimizer.restore(torch.load(state, weights_only=True, map_location=device))
     shelf: list[tuple[int, View]] = []
     losses, bar = (
         [],
@@ -180,8 +184,8 @@ def run(studio: Studio, count: int, state: Path, steps: int, seed: int) -> Fitte
         if step % 20 == 19 or step == steps - 1:
             kept = optimizer.state(step + 1)
             write(state, lambda draft, kept=kept: torch.save(kept, draft))
-    settle(parameters, initial(studio), optimizer.seldom)
-    return Fitted(*(value.detach().numpy() for value in unpack(parameters)))
+    settle(parameters, initial(studio, device), optimizer.seldom)
+    return Fitted(*(value.detach().cpu().numpy() for value in unpack(parameters)))
 
 
 @torch.no_grad()
@@ -191,16 +195,14 @@ def settle(fitted: dict[str, Tensor], first: dict[str, Tensor], seldom: Tensor) 
         value[seldom] = first[name][seldom]
 
 
-def initial(studio: Studio) -> dict[str, Tensor]:
+def initial(studio: Studio, device: str) -> dict[str, Tensor]:
     """Logarithms of widths, logits of opacities, weights of the textures' levels."""
     scales = torch.from_numpy(studio.surface.scales)
     mixing = torch.zeros(len(scales), textures.LEVELS)
     mixing[:, 0], mixing[:, 1] = 0.4, 0.6
-    return {
-        "widths": torch.log(scales).requires_grad_(),
-        "opacities": torch.where(studio.faint, -1.0, 2.5).requires_grad_(),
-        "mixing": mixing.requires_grad_(),
-    }
+    opacities = torch.where(studio.faint, -1.0, 2.5)
+    first = {"widths": torch.log(scales), "opacities": opacities, "mixing": mixing}
+    return {name: value.to(device).requires_grad_() for name, value in first.items()}
 
 
 def unpack(parameters: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
@@ -216,7 +218,7 @@ def judge(
     """The loss of one view; PSNR, 1 - SSIM and pairs for the progress line."""
     widths, opacities, mixing = unpack(parameters)
     picture, pairs = draw(view, levels, widths, opacities, mixing)
-    target = torch.from_numpy(view.picture)
+    target = torch.from_numpy(view.picture).to(picture.device)
     square = ((picture - target) ** 2).mean()
     unlike = splatter.dissimilarity(picture, target).mean()
     loss = (picture - target).abs().mean() + 2.0 * square + 0.25 * unlike
@@ -235,7 +237,7 @@ class VisibleAdam:
         self._parameters, self._rates = parameters, rates
         self._first = {k: torch.zeros_like(v) for k, v in parameters.items()}
         self._second = {k: torch.zeros_like(v) for k, v in parameters.items()}
-        self._count = torch.zeros(len(parameters["widths"]))
+        self._count = torch.zeros_like(parameters["widths"], requires_grad=False)
 
     @torch.no_grad()
     def step(self, scale: float) -> None:

@@ -60,6 +60,7 @@ def run(
     work: Path,
     take: Path | None = None,
     seed: int = 0,
+    device: str = "cpu",  # of the photometric fit, by far the longest stage
 ) -> None:
     """Train into `out`; intermediate results live in `work` and are used again."""
     import torch
@@ -72,7 +73,8 @@ def run(
     anchors = place(assembly, size.gaussians, seed, work / f"anchors_{size.gaussians}.npz")
     first = known.rows(range(size.fit_people))
     studio = fit.Studio(assembly, anchors, first, work / f"levels_{size.gaussians}")
-    fitted = fit.run(studio, len(first.seeds), work / "fit.state", size.fit_steps, seed)
+    state = work / "fit.state"
+    fitted = fit.run(studio, len(first.seeds), state, size.fit_steps, seed, device)
     used = studio.surface.used
     coding = code(assembly, known, weights_file.FOLDER, seed)
     at = atlas.build(assembly.places[used])

@@ -1,7 +1,8 @@
-"""Differentiable splatter in torch: tiles of 8 x 8 pixels on the CPU, for photometric fitting.
+"""Differentiable splatter in torch: tiles of 8 x 8 pixels, for photometric fitting.
 
 The picture model is that of render/reference.py. Which splat touches which tile, and the order in
-depth, come from numpy and carry no gradient; opacities, widths and colours do.
+depth, come from numpy and carry no gradient; opacities, widths and colours do. It blends on the
+device its tensors are on: the CPU, or a GPU.
 """
 
 from dataclasses import dataclass
@@ -33,6 +34,7 @@ def project(
     normals: NDArray[np.float32],  # [N, 3] unit
     flatness: float,
     camera: Camera,
+    device: str = "cpu",
 ) -> Flat:
     """EWA projection of discs of 1 mm with their thickness."""
     view = camera.viewmat.astype(np.float32)
@@ -47,7 +49,8 @@ def project(
     cov = np.eye(3, dtype=np.float32) - thin * n[:, :, None] * n[:, None, :]
     spread = jacobian @ cov @ jacobian.transpose(0, 2, 1)
     xy = points[:, :2] / depth[:, None] * focal + camera.K[:2, 2].astype(np.float32)
-    return Flat(torch.from_numpy(xy.astype(np.float32)), torch.from_numpy(spread), depth)
+    xy, spread = (torch.from_numpy(x.astype(np.float32)).to(device) for x in (xy, spread))
+    return Flat(xy, spread, depth)
 
 
 def draw(
@@ -63,13 +66,14 @@ def draw(
     det = a * c - b * b
     conic = torch.stack([c / det, -b / det, a / det], 1)
     order, starts, size = _tiles(flat, a, c, opacities, camera)
-    background = torch.tensor(camera.background, dtype=torch.float32)
+    device = flat.xy.device
+    background = torch.tensor(camera.background, dtype=torch.float32, device=device)
     counts = np.diff(starts.astype(np.int64))
     by_count = np.argsort(counts, kind="stable")
     by_count = by_count[counts[by_count] > 0]
     tiles = background.expand(len(counts), TILE_PX * TILE_PX, 3).clone()
     packed = torch.cat([flat.xy, conic, opacities[:, None], colors], 1)
-    spot = torch.arange(TILE_PX, dtype=torch.float32) + 0.5
+    spot = torch.arange(TILE_PX, dtype=torch.float32, device=device) + 0.5
     px, py = spot.repeat(TILE_PX), spot.repeat_interleave(TILE_PX)
     pieces, places = [], []
     for first in range(0, len(by_count), BUCKET):
@@ -78,22 +82,21 @@ def draw(
         slot = np.arange(longest)[None] + starts[group].astype(np.int64)[:, None]
         real = np.arange(longest)[None] < counts[group][:, None]
         index = torch.from_numpy(order[np.minimum(slot, len(order) - 1)].astype(np.int64))
-        splat = packed[index]  # [T, K, 9]
-        origin = torch.from_numpy(
-            np.stack([group % size[0], group // size[0]], 1).astype(np.float32) * TILE_PX
-        )
+        splat = packed[index.to(device)]  # [T, K, 9]
+        corner = np.stack([group % size[0], group // size[0]], 1).astype(np.float32) * TILE_PX
+        origin = torch.from_numpy(corner).to(device)
         dx = (origin[:, 0, None] - splat[..., 0])[..., None] + px  # [T, K, 64]
         dy = (origin[:, 1, None] - splat[..., 1])[..., None] + py
         power = splat[..., 2, None] * dx * dx + splat[..., 4, None] * dy * dy
         power = power + 2 * splat[..., 3, None] * dx * dy
         alpha = (splat[..., 5, None] * torch.exp(-0.5 * power)).clamp(max=MAX_ALPHA)
-        shown = (alpha.detach() >= MIN_ALPHA) & torch.from_numpy(real)[..., None]
+        shown = (alpha.detach() >= MIN_ALPHA) & torch.from_numpy(real).to(device)[..., None]
         alpha = torch.where(shown, alpha, 0.0)
         left = torch.cumprod(1 - alpha, 1)
         before = torch.cat([torch.ones_like(left[:, :1]), left[:, :-1]], 1)
         picture = torch.einsum("tkp,tkc->tpc", alpha * before, splat[..., 6:])
         pieces.append(picture + left[:, -1, :, None] * background)
-        places.append(torch.from_numpy(group))
+        places.append(torch.from_numpy(group).to(device))
     tiles = tiles.index_copy(0, torch.cat(places), torch.cat(pieces))
     across, down = size
     grid = tiles.reshape(down, across, TILE_PX, TILE_PX, 3).permute(0, 2, 1, 3, 4)
@@ -107,10 +110,10 @@ def _tiles(
     """Splats by tile and depth, the starts of the tiles, and the number of tiles across, down."""
     with torch.no_grad():
         cutoff = 2 * torch.log((opacities / MIN_ALPHA).clamp(min=1.0))
-        half = torch.sqrt(cutoff[:, None] * torch.stack([a, c], 1)).numpy()
-        shown = (opacities >= MIN_ALPHA).numpy()
+        half = torch.sqrt(cutoff[:, None] * torch.stack([a, c], 1)).cpu().numpy()
+        shown = (opacities >= MIN_ALPHA).cpu().numpy()
     size = (-(-camera.width // TILE_PX), -(-camera.height // TILE_PX))
-    xy = flat.xy.numpy()
+    xy = flat.xy.cpu().numpy()
     low = np.clip(np.floor((xy - half) / TILE_PX), 0, size).astype(np.uint32)
     high = np.clip(np.ceil((xy + half) / TILE_PX), 0, size).astype(np.uint32)
     shown &= (high > low).all(1) & (flat.depth > camera.near_mm)
