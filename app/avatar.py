@@ -104,6 +104,8 @@ class Create:
     """Colour of the eyes: blue, brown, brownlight, green or grey."""
     hair: str | None = None
     """Avatar whose hair is worn; bald without."""
+    beard: str | None = None
+    """Avatar whose beard is worn; shaven without."""
     out: Path | None = None
     """Folder to write to; default: beside the shipped avatars."""
 
@@ -124,9 +126,12 @@ class Create:
         who = maker.identity(self.name, geometry, skin, self.eye)
         if lender:
             who = replace(who, hair=transfer(lender, who))
+        if self.beard:
+            who = replace(who, beard=identity.load(self.beard).beard)
         folder = self.out or weights_file.FOLDER
-        card = {"command": "livedrive avatar create", "geometry": self.geometry.name,
-                "texture": self.texture.name, "eye": self.eye, "hair": self.hair}  # fmt: skip
+        worn = {"eye": self.eye, "hair": self.hair, "beard": self.beard}
+        files = {"geometry": self.geometry.name, "texture": self.texture.name}
+        card = {"command": "livedrive avatar create", **files, **worn}
         identity.save(who, folder, card)
         print(f"wrote {(folder / f'{identity.PREFIX}{self.name}.safetensors').resolve()}")
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render import atlas, mesh_parts, prior_file, textures, weights_file
+from render import atlas, beard, mesh_parts, prior_file, textures, weights_file
 from render.contexts import GLContext, create_context
 from render.cover import turned_out
 from render.errors import InputError
@@ -61,7 +61,7 @@ class Maker:
         eye: str | Floats = "brown",  # a name of `eyes`, or a picture
         cover: Floats | None = None,  # [T, 3, 3] mm of hair that casts shadow
     ) -> Identity:
-        """Theta_id, bald; hair is added with `dataclasses.replace`."""
+        """Theta_id, bald and shaven; `dataclasses.replace` adds hair and beard."""
         rest = self.posing.rest(geometry)
         bald = self.seen(rest)
         seen = bald if cover is None else self.seen(rest, cover)
@@ -74,6 +74,7 @@ class Maker:
             seen=np.ascontiguousarray(seen.T),
             biases=self.biases(rest, skin, bald),
             hair=no_hair(),
+            beard=beard.none(),
         )
 
     def seen(self, rest: Rest, cover: Floats | None = None) -> Floats:  # [U, 2]

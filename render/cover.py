@@ -3,7 +3,8 @@
 The fit looks at pictures of 512 pixels, where a splat is blurred by a third of a millimetre, and
 seldom at shut lids, the inside of a lip, ears or the nape. So it leaves Gaussians there narrower
 than the space between them: an eye shines through its lid, the edge of an open mouth crumbles,
-an iris seen near is uneven, as if it looked elsewhere, and dots cover neck and ears.
+an iris seen near is uneven, as if it looked elsewhere, dots cover neck and ears, and shoulders
+have holes.
 """
 
 import numpy as np
@@ -19,6 +20,9 @@ NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
+# below it the mesh is coarse: widths reach its bare places, which are no holes if further off
+BUST_MM, HOLE_MM = -85.0, 8.0
+PLACES = np.array([(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)])
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -52,6 +56,11 @@ def cover(
         ):
             widths[which] = np.maximum(widths, share * apart / stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
+        if kind == mesh_parts.SKIN:
+            rows = np.flatnonzero(of_kind & (points[:, 1] < BUST_MM))
+            places = (PLACES / 6).astype(np.float32) @ shut[head.whole.corners]
+            reach = farthest(points[rows], places.reshape(-1, 3))
+            widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
     return widths, opacities
 
 
@@ -81,6 +90,18 @@ def turned_out(head: Surface, posing: Posing, face: Floats, seen: Floats) -> Flo
         lit, dark = np.median(seen[rows[rows >= 0]], axis=0), seen[row_of[hidden]]
         seen[row_of[hidden]] = dark + share * (lit - dark)
     return seen
+
+
+def farthest(points: Floats, places: Floats) -> Floats:  # [n, 3] mm, [p, 3] mm -> [n] mm
+    """How far the places reach that no other point is nearer to."""
+    from scipy.spatial import KDTree
+
+    found = KDTree(points).query(places, distance_upper_bound=HOLE_MM)
+    distance, nearest = (np.asarray(x) for x in found)
+    near = np.isfinite(distance)
+    out = np.zeros(len(points), np.float32)
+    np.maximum.at(out, nearest[near], distance[near].astype(np.float32))
+    return out
 
 
 def spacing(points: Floats) -> Floats:  # [n, 3] mm -> [n] mm

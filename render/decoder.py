@@ -131,11 +131,11 @@ class Decoder:
         gaze: Floats,  # [2, 3] unit vectors, left eye first
         identity: Identity,
     ) -> tuple[Mesh, Gaussians]:
-        """M, S <- D(x, g; Theta_id): the mesh in mm and its Gaussians, highlights and hair."""
+        """M, S <- D(x, g; Theta_id): the mesh in mm; Gaussians, highlights, hair and beard."""
         vertices = self.vertices(expression, gaze, identity)
         known = self.follows(identity)
-        count, hair = len(known.opacities), identity.hair
-        total = count + 2 + len(hair)
+        count, hair, beard = len(known.opacities), identity.hair, identity.beard
+        total = count + 2 + len(hair) + len(beard)
         means, quats = np.empty((total, 3), np.float32), np.empty((total, 4), np.float32)
         scales, opacities = np.empty((total, 3), np.float32), np.empty(total, np.float32)
         colors = np.empty((total, 3), np.float32)
@@ -158,9 +158,12 @@ class Decoder:
             opacities[count + eye] = HIGHLIGHT_OPACITY * share
         quats[shine], scales[shine], colors[shine] = (1, 0, 0, 0), HIGHLIGHT_MM, 1
 
-        rest = slice(count + 2, total)
+        rest = slice(count + 2, total - len(beard))
         means[rest], quats[rest], scales[rest] = hair.means, hair.quats, hair.scales
         opacities[rest], colors[rest] = hair.opacities, hair.colors
+        grown = slice(total - len(beard), total)
+        beard.stand(vertices, means[grown], quats[grown])
+        scales[grown], opacities[grown], colors[grown] = beard.scales, beard.opacities, beard.colors
         return Mesh(vertices, self.faces), Gaussians(means, quats, scales, opacities, colors)
 
     @cached_property

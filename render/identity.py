@@ -2,7 +2,8 @@
 
 A neutral geometry, the colour of every shared Gaussian, the light that reaches the face at rest,
 and a bias map for each level of the light decoder: all computed from a mean texture and a mean
-geometry (`render/avatar.py`). Hair is the person's own: Gaussians that do not move with the face.
+geometry (`render/avatar.py`). Hair is the person's own: Gaussians that do not move with the face,
+and a beard that does.
 """
 
 from dataclasses import dataclass
@@ -11,7 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from render import beard as beards
 from render import weights_file
+from render.beard import Beard
 from render.errors import InputError
 from render.posing import GEOMETRY_STEPS, Rest
 from render.types import Gaussians
@@ -32,6 +35,7 @@ class Identity:
     seen: Floats  # [2, U] shares of the sky and of the key light at rest
     biases: tuple[Floats, ...]  # per level [texels, C]
     hair: Gaussians  # [H]
+    beard: Beard  # [B]
 
     @property
     def geometry(self) -> Floats:
@@ -75,6 +79,7 @@ def load(name: str, folder: Path = weights_file.FOLDER) -> Identity:
         seen=t["seen"].astype(np.float32) / np.float32(255),
         biases=tuple(t[f"bias{i}"].astype(np.float32) for i in range(count)),
         hair=hair,
+        beard=beards.of(t),
     )
 
 
@@ -101,5 +106,6 @@ def save(who: Identity, folder: Path, card: dict) -> None:  # type: ignore[type-
         "hair_scales": hair.scales.astype(np.float16),
         "hair_opacities": byte(hair.opacities),
         "hair_colors": byte(hair.colors),
+        **beards.tensors(who.beard),
     }
     weights_file.save(folder / f"{PREFIX}{who.name}", tensors, {"kind": KIND, **card})

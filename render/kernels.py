@@ -196,3 +196,37 @@ def ride(
         width = widths[n] * min(max(stretch, low), high)
         scales[n, 0] = scales[n, 1] = width
         scales[n, 2] = width * flatness
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def stand(
+    vertices: Floats,  # [V, 3] mm
+    corners: Shorts,  # [B, 3] vertices of the triangles that strands stand on
+    shares: Floats,  # [B, 3] barycentric coordinates of their roots
+    offsets: Floats,  # [B, 3] mm from the root, in the triangle's frame
+    along: Floats,  # [B, 3] unit, the same frame
+    behind: np.float32,  # see surface.faced
+    means: Floats,  # -> [B, 3] mm
+    quats: Floats,  # -> [B, 4] the shortest turn from x to the strand, of any length
+) -> None:
+    tiny = np.float32(1e-12)
+    for n in range(len(corners)):
+        a, b, c = corners[n, 0], corners[n, 1], corners[n, 2]
+        ax, ay, az = vertices[a, 0], vertices[a, 1], vertices[a, 2]
+        bx, by, bz = vertices[b, 0] - ax, vertices[b, 1] - ay, vertices[b, 2] - az
+        cx, cy, cz = vertices[c, 0] - ax, vertices[c, 1] - ay, vertices[c, 2] - az
+        x, y, z = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        long, area = np.sqrt(bx * bx + by * by + bz * bz), np.sqrt(x * x + y * y + z * z)
+        ux, uy, uz = bx / (long + tiny), by / (long + tiny), bz / (long + tiny)
+        wx, wy, wz = x / (area + tiny), y / (area + tiny), z / (area + tiny)
+        vx, vy, vz = wy * uz - wz * uy, wz * ux - wx * uz, wx * uy - wy * ux
+        q, r = shares[n, 1], shares[n, 2]
+        d, e, f = offsets[n, 0], offsets[n, 1], offsets[n, 2]
+        means[n, 0] = ax + q * bx + r * cx + d * ux + e * vx + f * wx
+        means[n, 1] = ay + q * by + r * cy + d * uy + e * vy + f * wy
+        means[n, 2] = az + q * bz + r * cz + d * uz + e * vz + f * wz
+        d, e, f = along[n, 0], along[n, 1], along[n, 2]
+        quats[n, 0] = behind + d * ux + e * vx + f * wx
+        quats[n, 1] = 0
+        quats[n, 2] = -(d * uz + e * vz + f * wz)
+        quats[n, 3] = d * uy + e * vy + f * wy

@@ -18,7 +18,7 @@ from render.decoder import EXPRESSION_DIM, Decoder
 from render.identity import Identity
 from render.posing import turn
 from render.torch_posing import TorchPosing, TorchRest
-from render.torch_surface import TorchSurface
+from render.torch_surface import TorchBeard, TorchSurface
 from render.types import FIELDS, Gaussians, Mesh
 
 Floats = NDArray[np.float32]
@@ -77,9 +77,9 @@ class _Person:
         mirrored = np.array([(1, 1, 1), (-1, 1, 1)], np.float32)
         self._corneas = put(plain.CORNEA_MM * mirrored)
         self._shines = put(who.eye_centers + plain.CORNEA_RADIUS_MM * plain.HALF)
-        self._fixed = _fixed(who, device)
+        self._fixed, self._beard = _fixed(who, device), TorchBeard(who.beard, device)
 
-        total = len(known.opacities) + 2 + len(who.hair)
+        total = len(known.opacities) + 2 + len(who.hair) + len(who.beard)
         self._shapes = [who.geometry.shape, *((total, *row) for row in FIELDS.values())]
         self._ends = np.cumsum([np.prod(shape) for shape in self._shapes])
         on_gpu = device.type == "cuda"
@@ -134,10 +134,11 @@ class _Person:
         clears = plain.LID_CLEARS_MM - plain.LID_COVERS_MM
         shown = ((lids.bareness(vertices, shines) - plain.LID_COVERS_MM) / clears).clamp(0, 1)
         fixed = self._fixed
+        grown, standing = self._beard.stand(vertices)
         parts = (
             vertices,
-            *(means, shines, fixed["means"]),
-            *(quats, fixed["quats"]),
+            *(means, shines, fixed["means"], grown),
+            *(quats, fixed["quats"], standing),
             *(scales, fixed["scales"]),
             *(opacities, plain.HIGHLIGHT_OPACITY * shown, fixed["opacities"]),
             *(colors, fixed["colors"]),
@@ -146,7 +147,7 @@ class _Person:
 
 
 def _fixed(who: Identity, device: torch.device) -> dict[str, Tensor]:
-    """What never changes of the two highlights, then the hair, by the fields of Gaussians."""
+    """What never changes of the two highlights, the hair, the beard, by the fields of Gaussians."""
     shines = {
         "means": np.zeros((0, 3)),
         "quats": np.array([(1, 0, 0, 0)] * 2),
@@ -155,4 +156,7 @@ def _fixed(who: Identity, device: torch.device) -> dict[str, Tensor]:
         "colors": np.ones((2, 3)),
     }
     put = partial(torch.tensor, dtype=torch.float32, device=device)
-    return {k: put(np.concatenate([x, getattr(who.hair, k)])) for k, x in shines.items()}
+    fixed = {k: np.concatenate([x, getattr(who.hair, k)]) for k, x in shines.items()}
+    for name in ("scales", "opacities", "colors"):
+        fixed[name] = np.concatenate([fixed[name], getattr(who.beard, name)])
+    return {name: put(values) for name, values in fixed.items()}

@@ -12,6 +12,7 @@ from scipy.sparse import csr_array
 from torch import Tensor
 
 from render import surface
+from render.beard import Beard
 from render.decoder import Decoder, Known
 from render.identity import Identity
 from render.light_decoder import SLOPE
@@ -126,3 +127,26 @@ class TorchSurface:
         fill, rim, key = lamps.clamp(min=0).unbind(1)
         sheen = cosines[:, 3:].clamp(min=0.5) ** 16
         return torch.cat([gains * (sky + fill + rim), gains * key, sheen, sheen**4], 1)
+
+
+class TorchBeard:
+    """See `render/beard.py`."""
+
+    def __init__(self, beard: Beard, device: torch.device) -> None:
+        self._corners = torch.tensor(beard.corners.astype(np.int64), device=device)
+        parts = beard.shares[:, 1:], beard.offsets, beard.along
+        shares, offsets, along = (torch.tensor(x, device=device) for x in parts)
+        self._shares, self._parts = shares, torch.stack([offsets, along], 1)
+
+    def stand(self, vertices: Tensor) -> tuple[Tensor, Tensor]:  # [V, 3] -> [B, 3] mm, [B, 4]
+        a, b, c = vertices[self._corners].unbind(1)
+        b, c = b - a, c - a
+        first = torch.nn.functional.normalize(b, dim=1)
+        normal = torch.nn.functional.normalize(torch.linalg.cross(b, c), dim=1)
+        frame = torch.stack([first, torch.linalg.cross(normal, first), normal], 1)
+        offsets, along = (self._parts @ frame).unbind(1)
+        x, y, z = along.split(1, 1)
+        means = a + self._shares[:, :1] * b + self._shares[:, 1:] * c + offsets
+        return means, torch.cat(
+            [1 + x + (float(surface.BEHIND) - 1), torch.zeros_like(x), -z, y], 1
+        )

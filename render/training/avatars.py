@@ -1,6 +1,6 @@
 """The people who ship: recipes, and how they become avatar files."""
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 
 from render import identity, mesh_parts
 from render.avatar import Maker
-from render.training import hair, people
+from render.training import beard, hair, people
 from render.training.assembly import Assembly
+from render.training.beard import Strands
 from render.training.face_data import SKIN_VERTICES, geometry
 
 Floats = NDArray[np.float32]
@@ -26,7 +27,8 @@ class Recipe:
     eye: str
     style: str  # of hair, or "bald", "buzz"
     tint: tuple[float, float, float]  # of hair
-    beard: float = 0.0  # 0 shaven .. 1 full stubble
+    stubble: float = 0.0  # 0 shaven .. 1 full
+    beard: Strands | None = None
     hairs: int = 3200
 
 
@@ -48,13 +50,13 @@ RECIPES = {
     "greta": Recipe(75, 0.5, ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.15),
                     "grey", "short01", GREY),
     "hugo": Recipe(86, 0.6, ("middleage_lightskinned_male", "middleage_lightskinned_male", 0.0),
-                   "grey", BALD, DARK, 0.8),
+                   "grey", BALD, DARK, 0.9, Strands(2400, 12.0)),
     "ines": Recipe(97, 0.55, ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
                    "blue", "ponytail01", RED, hairs=3800),
     "joao": Recipe(108, 0.6, ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
                    "brown", BUZZ, BLACK, 0.6),
     "kofi": Recipe(23, 0.5, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
-                   "brown", "short01", BLACK),
+                   "brown", "short01", BLACK, 0.9, Strands(2400, 7.5, 0.7)),
     "lena": Recipe(119, 0.55, ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, hairs=3800),
 }  # fmt: skip
@@ -77,7 +79,11 @@ def make(assembly: Assembly, maker: Maker, name: str, recipe: Recipe) -> identit
     if worn is not None:
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
     who = maker.identity(name, geometry(face, modes), skin, recipe.eye, cover)
-    albedo = beard(assembly, maker, who.albedo, recipe, rng)
+    albedo = beard.stubble(assembly, maker, who.albedo, recipe.stubble, recipe.tint, rng)
+    if recipe.beard:
+        own = np.random.default_rng((recipe.seed, 1))
+        strands = beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own)
+        who = replace(who, beard=strands)
     if worn is None:
         if recipe.style == BUZZ:
             cap = np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False)
@@ -111,31 +117,6 @@ def scalp(
     return (albedo + cover[:, None] * (root * shade - albedo)).astype(np.float32)
 
 
-def beard(
-    assembly: Assembly, maker: Maker, albedo: Floats, recipe: Recipe, rng: np.random.Generator
-) -> Floats:
-    """Stubble: darker skin on jaw, chin and upper lip, in grains as large as a Gaussian."""
-    if recipe.beard == 0:
-        return albedo
-    v = assembly.face.neutral
-    used = maker.surface.used
-    x, y, z = np.abs(v[used, 0]), v[used, 1], v[used, 2]
-    lips = np.isin(used, assembly.face.regions["lips"])
-    # From the sideburns down to the jaw's edge and along the upper lip; the throat stays clear.
-    upper = -14 + 0.55 * np.clip(x - 30, 0, None) - 0.3 * np.clip(30 - x, 0, 12)
-    lower = -112 + 0.75 * np.clip(x - 15, 0, None)
-    soft = np.clip((upper - y) / 10, 0, 1) * np.clip((y - lower) / 14, 0, 1)
-    soft *= np.clip((z + 5) / 25, 0, 1) * (used < SKIN_VERTICES) * ~lips
-    cheek = np.clip((x - 24) / 12, 0, 1) * np.clip((y + 52) / 20, 0, 1)
-    soft *= 1 - 0.8 * cheek * np.clip((72 - x) / 16, 0, 1)
-    mask = maker.surface.interpolate @ soft.astype(np.float32)
-    kinds = assembly.kinds[maker.anchor_triangles]
-    mask[kinds != mesh_parts.SKIN] = 0
-    grain = np.clip(0.85 + 0.22 * rng.standard_normal(len(mask)), 0.3, 1.3)
-    cover = np.clip(0.5 * recipe.beard * mask * grain, 0, 0.9)[:, None].astype(np.float32)
-    return albedo + cover * (np.array(recipe.tint, np.float32) * 0.9 - albedo)
-
-
 def run(assembly: Assembly, folder: Path, card: dict[str, object]) -> None:
     """Write every avatar beside the prior."""
     from tqdm import tqdm
@@ -143,7 +124,7 @@ def run(assembly: Assembly, folder: Path, card: dict[str, object]) -> None:
     maker = Maker(folder)
     for name, recipe in tqdm(RECIPES.items(), desc="avatars", unit="avatar"):
         who = make(assembly, maker, name, recipe)
-        identity.save(who, folder, {"recipe": vars(recipe), **card})
+        identity.save(who, folder, {"recipe": asdict(recipe), **card})
 
 
 def eyes(

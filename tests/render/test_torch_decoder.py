@@ -27,7 +27,7 @@ def faces(decoder: Decoder, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
 
 
 @pytest.mark.parametrize("device", ["cpu", GPU])
-@pytest.mark.parametrize("name", ["ben", "lena"])
+@pytest.mark.parametrize("name", ["hugo", "lena"])
 def test_decodes_as_the_numpy_decoder(device: str, name: str) -> None:
     decoder, who = Decoder.load(gaussians="16k"), identity.load(name)
     ported = TorchDecoder(decoder, device)
