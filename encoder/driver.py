@@ -23,10 +23,10 @@ from encoder.gaze_walk import GazeWalk, WalkState
 from sensors.types import InputError, SensorFrame
 
 if TYPE_CHECKING:
+    from encoder.backends import Backend, BackendState
     from encoder.denoiser import Denoiser
     from encoder.eye_calibration import EyeCalibration
     from encoder.eye_encoder import EyeEncoder
-    from encoder.inference import Backend, BackendState
 
 Timer = Callable[[str], AbstractContextManager[object]]
 

@@ -74,8 +74,8 @@ class EyeEncoder:
     """Holds weights only."""
 
     def __init__(self, config: EyeNetConfig, weights: dict[str, Any]) -> None:
+        from encoder.backends import session
         from encoder.eye_graph import eye_model
-        from encoder.inference import session
 
         weights = {name: np.asarray(array, np.float32) for name, array in weights.items()}
         self.config = config

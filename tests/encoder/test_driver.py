@@ -14,12 +14,13 @@ from torch import nn
 
 from encoder.audio_encoder import PRESETS as AUDIO
 from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
+from encoder.backends import BackendName, create_backend, int8_is_exact
 from encoder.checkpoint import save
 from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser
 from encoder.diffusion import frame_noise
 from encoder.driver import Driver, DriverState
-from encoder.inference import BackendName, create_backend, int8_is_exact, load_driver
+from encoder.inference import load_driver
 from sensors.types import InputError, SensorFrame
 
 WAV2VEC = AudioEncoderConfig(

@@ -10,10 +10,10 @@ import pytest
 import torch
 from test_driver import BACKENDS, driver, models, sound
 
+from encoder.backends import BackendName
 from encoder.checkpoint import save
 from encoder.driver import Driver
 from encoder.emotion import FADE_FRAMES, Emotions, Mood, load_emotions
-from encoder.inference import BackendName
 from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 from sensors.types import FPS, InputError, SensorFrame
 

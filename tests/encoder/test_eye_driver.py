@@ -14,18 +14,13 @@ import test_driver
 import torch
 from eye_material import drawn_eye, encoder, graph, net
 
+from encoder.backends import BackendName, create_backend
 from encoder.checkpoint import save
 from encoder.denoiser import PRESETS as DENOISERS
 from encoder.denoiser import Denoiser
 from encoder.driver import Driver, DriverState
 from encoder.gaze_statistics import step_deg
-from encoder.inference import (
-    BackendName,
-    choose_condition,
-    create_backend,
-    eyes_fit,
-    load_driver,
-)
+from encoder.inference import choose_condition, eyes_fit, load_driver
 from sensors.types import InputError, SensorFrame
 
 EYES, GRAPH = encoder(), graph()

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from encoder.inference import create_backend, int8_is_exact, load_models
+from encoder.backends import create_backend, int8_is_exact
+from encoder.inference import load_models
 
 
 def test_int8_hears_what_lies_beside_a_click() -> None:
