@@ -110,12 +110,15 @@ def test_onnx_equals_torch_for_300_frames(audio_config: AudioEncoderConfig) -> N
     actual, same_gaze, _ = drive(driver("onnx", audio_config), audio)
     assert np.abs(actual - expected).max() < 2e-5 * np.abs(expected).max()
     assert np.array_equal(gaze, same_gaze)
+    if not int8_is_exact():
+        return  # its products saturate on this processor: livedrive uses fp32 on it
     codes, _, _ = drive(driver("onnx-int8", audio_config), audio)
     error = np.linalg.norm(codes - expected, axis=1) / np.linalg.norm(expected, axis=1)
     assert 0 < error.mean() < 0.05  # 0 would mean that nothing was quantised
     assert error[-50:].mean() < 1.5 * error[25:75].mean()  # and it does not grow
 
 
+@pytest.mark.skipif(not int8_is_exact(), reason="int8 products saturate here: fp32 is used")
 def test_a_condition_of_other_size_costs_the_rest_no_precision() -> None:
     """Plain gaze has weights ten times the others': one int8 scale for all would drown those."""
     encoder, denoiser = models()
