@@ -21,6 +21,7 @@ Floats = Any  # NDArray[np.float32]
 EVERY = {"upper": 20, "lower": 40}  # vertices looked at
 INTENSITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
 HOLD_FRAMES = 30  # of each emotion, where they are switched
+SWITCHED = 12  # takes in which they are
 
 
 class Model(NamedTuple):
@@ -155,8 +156,9 @@ class Judgement:
         from encoder import inference
 
         driver = inference.load_driver(self.weights, "cpu")
-        takes = sorted(self.told["neutral voice"], key=lambda t: -t.segment.clip.num_frames)[:3]
-        sounds = [sound_of(take) for take in takes]
+        takes = {id(t.segment.clip): t for t in self.told["neutral voice"]}  # each once
+        longest = sorted(takes.values(), key=lambda t: -t.segment.clip.num_frames)
+        sounds = [sound_of(take) for take in longest[:SWITCHED]]
         return (
             self._intensity_figures(driver, sounds[0][: 1600 * 150])
             | self._switching_figures(driver, sounds)

@@ -23,6 +23,8 @@ LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
 # below it the mesh is coarse: widths reach its bare places, which are no holes if further off
 BUST_MM, HOLE_MM = -85.0, 8.0
 PLACES = np.array([(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)])
+# mm before the teeth furthest back: between them the lower and the upper ones fade away
+MOLARS_MM = {"lower": (19.0, 25.0), "upper": (8.0, 16.0)}
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -62,6 +64,26 @@ def cover(
             reach = farthest(points[rows], places.reshape(-1, 3))
             widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
     return widths, opacities
+
+
+def molars(
+    head: Surface,
+    teeth: NDArray[np.integer],  # rows of head.used
+    mouth_mm: float,  # height of the lips
+    mean_face: Floats,  # [V, 3] mm at rest
+) -> Floats:  # [N] factor of the opacities
+    """0 for teeth so far back that no picture of the fit showed them from inside: there they would
+    be slivers, and the dark of the mouth is nearer to the truth."""
+    on_teeth = np.zeros(len(head.used), np.float32)
+    on_teeth[teeth] = 1
+    rows = np.flatnonzero(head.interpolate @ on_teeth > 0.5)
+    points = (head.interpolate @ mean_face[head.used])[rows]
+    forward = points[:, 2] - mean_face[head.used[teeth], 2].min()
+    shown = np.ones(len(head.scales), np.float32)
+    for side, of_side in (("lower", points[:, 1] < mouth_mm), ("upper", points[:, 1] >= mouth_mm)):
+        back, front = MOLARS_MM[side]
+        shown[rows[of_side]] = np.clip((forward[of_side] - back) / (front - back), 0, 1)
+    return shown
 
 
 def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:

@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from render import atlas, density, surface, weights_file
 from render.coding import Coding
 from render.contact import Line
-from render.cover import bared, cover
+from render.cover import bared, cover, molars
 from render.light_decoder import LightNet, tensors_of
 from render.posing import GEOMETRY_STEPS, Posing
 from render.types import Density
@@ -60,6 +60,8 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
     face = regions["narrow_face"]
     widths, opacities = cover(head, opacities, kinds[rows], edges, face, pose, template(t))
+    lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
+    opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
     coding = Coding(
         *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
     )

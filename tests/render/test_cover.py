@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
+from scipy.spatial import KDTree
 
 from render import cameras, contact, identity, prior_file, sheet, weights_file
-from render.cover import bared, spacing
+from render.cover import BUST_MM, HOLE_MM, bared, spacing
 from render.decoder import Decoder
 from render.types import Camera, Gaussians
 
@@ -151,3 +152,29 @@ def test_spacing_is_the_distance_to_the_neighbours():
     grid = np.stack(np.meshgrid(*[np.arange(5) * 2.0] * 2), -1).reshape(-1, 2)
     points = np.c_[grid, np.zeros(25)].astype(np.float32)
     assert spacing(points)[12] == pytest.approx(2.0)
+
+
+def test_shoulders_have_no_holes(decoder):
+    """On the mean face every place of the bust is within a deviation of the Gaussian next to it."""
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    mesh, head = prior_file.template(tensors), decoder.surface
+    points = head.interpolate @ mesh[head.used]
+    rows = np.flatnonzero(points[:, 1] < BUST_MM)
+    places = mesh[head.whole.corners].mean(1)
+    distance, nearest = KDTree(points[rows]).query(places[places[:, 1] < BUST_MM - 5])
+    assert len(distance) > 1000
+    share = (distance / head.scales[rows][nearest])[distance < HOLE_MM]
+    assert np.quantile(share, 0.995) < 1.1
+
+
+def test_only_teeth_in_front_are_drawn(decoder):
+    """From inside molars would be slivers: the fit never saw them so."""
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    mesh, head = prior_file.template(tensors), decoder.surface
+    on_teeth = np.zeros(len(head.used), np.float32)
+    on_teeth[tensors["teeth_rows"]] = 1
+    rows = head.interpolate @ on_teeth > 0.99
+    points = head.interpolate @ mesh[head.used]
+    for side in (points[:, 1] < -34, points[:, 1] > -33):
+        opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
+        assert opacities[depth < 80].max() == 0 and np.median(opacities[depth > 101]) > 0.5
