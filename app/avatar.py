@@ -43,7 +43,7 @@ class Show:
     size: int = 512
     """Width and height of each view, in pixels."""
     traverse: bool = False
-    """Instead: the widest dimensions of the code, from -2 to 2 deviations."""
+    """Instead: draws from the prior, and its widest dimensions from -2 to 2 deviations."""
     background: str = "grey"
     """Behind the head: grey, white, green, transparent or #rrggbb."""
     gaussians: Density = "32k"

@@ -56,8 +56,10 @@ def avatar(decoder: Decoder, who: Identity, shoot: Shoot) -> list[Picture]:
 
 
 def traversals(decoder: Decoder, who: Identity, shoot: Shoot, rows: int = 6) -> list[Picture]:
-    """Latent traversals: the widest dimensions of the prior at -2, -1, 0, 1, 2 deviations."""
-    coding, out = decoder.coding, []
+    """Draws from the prior, then its widest dimensions at -2, -1, 0, 1, 2 deviations: five a row."""
+    coding, rng = decoder.coding, np.random.default_rng(0)
+    draws = [decoder.decode(decoder.sample(rng), AHEAD, who)[1] for _ in range(5)]
+    out = [shoot(cloud, 0.0) for cloud in draws]
     for dimension in np.argsort(-coding.deviation)[:rows]:
         for amount in (-2.0, -1.0, 0.0, 1.0, 2.0):
             normalised = np.zeros_like(coding.mean)
