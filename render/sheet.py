@@ -56,7 +56,7 @@ def avatar(decoder: Decoder, who: Identity, shoot: Shoot) -> list[Picture]:
 
 
 def traversals(decoder: Decoder, who: Identity, shoot: Shoot, rows: int = 6) -> list[Picture]:
-    """Draws from the prior, then its widest dimensions at -2, -1, 0, 1, 2 deviations: five a row."""
+    """Draws from the prior, then its widest dimensions from -2 to 2 deviations; five a row."""
     coding, rng = decoder.coding, np.random.default_rng(0)
     draws = [decoder.decode(decoder.sample(rng), AHEAD, who)[1] for _ in range(5)]
     out = [shoot(cloud, 0.0) for cloud in draws]
