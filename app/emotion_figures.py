@@ -152,7 +152,7 @@ class Judgement:
         return audio, evaluation.true_gaze(segments)
 
     def live_figures(self) -> Figures:
-        """Intensity and switching on the live path (as it ships: int8 where that is exact)."""
+        """Intensity and switching on the live path (as it ships: with int8)."""
         from encoder import inference
 
         driver = inference.load_driver(self.weights, "cpu")

@@ -7,6 +7,7 @@ stale. One thread, spinning off: the other core draws (FACTS: two spinning threa
 
 from __future__ import annotations
 
+from functools import cache
 from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
@@ -110,7 +111,7 @@ class OnnxBackend:
     """ONNX Runtime on one thread; resampling, alignment and the ring cache in numpy around it."""
 
     def __init__(self, encoder: AudioEncoder, denoiser: Denoiser, *, int8: bool) -> None:
-        self.name = "onnx-int8" if int8 else "onnx"
+        self.name, bits = ("onnx-int8", eight_bits()) if int8 else ("onnx", None)
         self.audio_config, self.config = encoder.config, denoiser.config
         if self.config.attention != "softmax":
             raise InputError(
@@ -129,10 +130,10 @@ class OnnxBackend:
         self.shapes = onnx_graph.audio_shapes(self.audio_config)
         self.prior = weights.get("norms.0.prior")
         self.encoders = {
-            n: session(onnx_graph.audio_model(self.audio_config, weights, n, int8)) for n in counts
+            n: session(onnx_graph.audio_model(self.audio_config, weights, n, bits)) for n in counts
         }
         weights = {name: tensor.numpy() for name, tensor in denoiser.state_dict().items()}
-        self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, int8))
+        self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, bits))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
         self.calm = np.zeros((1, 2 * sum(self.config.places)), np.float32)
@@ -209,24 +210,28 @@ class OnnxBackend:
         return code[0], {**state, "keys": keys, "values": values, "frame": frame + 1}
 
 
-def int8_is_exact() -> bool:
-    """False on processors whose int8 products saturate (x86 without VNNI): use fp32 there."""
-    graph = onnx_graph.Graph(int8=True)
+@cache
+def eight_bits() -> onnx_graph.Bits:
+    """Signed weights, or unsigned ones where products with signed ones saturate (x86 without VNNI).
+
+    Both give the same sums, and so the same codes on either processor.
+    """
+    graph = onnx_graph.Graph("int8")
     rows = onnx_graph.MIN_INT8_INPUTS
     graph.rename(graph.linear("x", np.ones((rows, 16)), np.zeros(16)), "y")
     runner = session(graph.model({"x": [1, rows]}, {"y": [1, 16]}))
     (y,) = runner.run(None, {"x": np.ones((1, rows), np.float32)})
-    return bool(np.allclose(y, rows, rtol=0.01))
+    return "int8" if np.allclose(y, rows, rtol=0.01) else "uint8"
 
 
 def create_backend(
     encoder: AudioEncoder, denoiser: Denoiser, backend: BackendName = "auto", device: str = "cpu"
 ) -> Backend:
-    """auto: torch on a GPU or for linear attention, else int8 where it is exact, else fp32."""
+    """auto: torch on a GPU or for linear attention, else int8."""
     if backend == "auto":
         backend = "torch"
         if device == "cpu" and denoiser.config.attention == "softmax":
-            backend = "onnx-int8" if int8_is_exact() else "onnx"
+            backend = "onnx-int8"
     if backend == "torch":
         return TorchBackend(encoder, denoiser, device)
     if backend not in ("onnx", "onnx-int8") or device != "cpu":

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 def eye_model(config: EyeNetConfig, weights: Weights) -> ModelProto:
     """pixels [2, 1, 100, 100] -> features [2, 80], heads [2, 11]: gaze, lid, valid, rig."""
-    g, x = Graph(int8=False), "pixels"
+    g, x = Graph(bits=None), "pixels"
     for i, (_, kernel, stride) in enumerate(config.layers):
         weight, bias = (g.const(array) for array in _folded(weights, i))
         pads, shape = [kernel // 2] * 4, [kernel, kernel]

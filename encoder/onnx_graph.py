@@ -2,13 +2,13 @@
 
 Everything constant is folded: frozen norms into convolutions, tau = N into AdaLN, gates and scales
 into projections. Convolutions become one gather and one matrix product, which int8 needs. Weights
-are int8 with one scale a column, activations are quantised when they arrive (paper section 4.3).
+have 8 bits with one scale a column, activations are quantised when they arrive (paper section 4.3).
 """
 
 from __future__ import annotations
 
 from math import exp, log
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 Array = NDArray[Any]
 Weights = dict[str, Array]
+# Of products: the same numbers, signed or 128 more (see backends.eight_bits); None: full precision.
+Bits = Literal["int8", "uint8"] | None
 MIN_INT8_INPUTS = 64  # shorter products gain nothing and lose accuracy
 EXACT_CONVS = 3  # they hear a click beside near silence, which one int8 scale cannot hold
 
@@ -28,8 +30,8 @@ EXACT_CONVS = 3  # they hear a click beside near silence, which one int8 scale c
 class Graph:
     """Collects nodes and constants; every method returns the name of its output."""
 
-    def __init__(self, int8: bool) -> None:
-        self.int8 = int8
+    def __init__(self, bits: Bits) -> None:
+        self.bits: Bits = bits
         self.nodes: list[Any] = []
         self.constants: list[Any] = []
 
@@ -55,11 +57,13 @@ class Graph:
 
     def linear(self, x: str, weight: Array, bias: Array, *, exact: bool = False) -> str:
         """x [rows, inputs] @ weight [inputs, outputs] + bias; exact: in full precision."""
-        if exact or not self.int8 or weight.shape[0] < MIN_INT8_INPUTS:
+        if exact or not self.bits or weight.shape[0] < MIN_INT8_INPUTS:
             return self.op("Gemm", x, self.const(weight), self.const(bias))
         scale = np.maximum(np.abs(weight).max(0), 1e-12) / 127
-        quantised = np.rint(weight / scale).astype(np.int8)
-        names = [self.const(quantised), self.const(scale), "", self.const(bias)]
+        zero = 128 if self.bits == "uint8" else 0
+        quantised = (np.rint(weight / scale) + zero).astype(self.bits)
+        zeros = np.full(len(scale), zero, self.bits)
+        names = [self.const(array) for array in (quantised, scale, zeros, bias)]
         return self.op("DynamicQuantizeMatMul", x, *names, domain="com.microsoft")
 
     def rename(self, name: str, output: str) -> None:
@@ -149,10 +153,10 @@ def audio_shapes(config: AudioEncoderConfig) -> dict[str, list[int]]:
 
 
 def audio_model(
-    config: AudioEncoderConfig, weights: Weights, features: int, int8: bool
+    config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
 ) -> ModelProto:
     """audio [features * stride, 1] + state -> features [features, width] + state."""
-    g, time, x, after = Graph(int8), features * config.stride, "audio", {}
+    g, time, x, after = Graph(bits), features * config.stride, "audio", {}
     for i, (_, _, stride) in enumerate(config.layers):
         running = i == 0 and config.first_norm == "running"
         scale, shift = (1.0, 0.0) if running else _frozen(weights, f"norms.{i}")
@@ -222,11 +226,11 @@ def _attention(
     return g.linear(y, out, out_bias), k, v
 
 
-def denoiser_model(config: DenoiserConfig, weights: Weights, int8: bool) -> ModelProto:
+def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
     """One frame at tau = N. keys, values [L, H, w, D] hold the past, rotated, in any order; bias
     [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion [1, width]
     holds the shift and the scale of each place (zeros: nothing; zero_conv.py)."""
-    g, dim, tau = Graph(int8), config.dim, _embedded_tau(config, weights)
+    g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
     # in full precision: what is small among the inputs tells as much as what is large
     x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
     new_keys, new_values = [], []
