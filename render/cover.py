@@ -20,8 +20,9 @@ NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
-# below it the mesh is coarse: widths reach its bare places, which are no holes if further off
-BUST_MM, HOLE_MM = -85.0, 8.0
+# Shoulders: below it, and no steeper (a wider neck would show). There the mesh is coarse: widths
+# reach its bare places, which are no holes if further off
+BUST_MM, SLOPE, HOLE_MM = -85.0, 0.35, 8.0
 PLACES = np.array([(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)])
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (19.0, 25.0), "upper": (8.0, 16.0)}
@@ -39,7 +40,7 @@ def cover(
 ) -> tuple[Floats, Floats]:
     """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck."""
     shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
-    _, _, areas = head.whole.normals(shut)
+    normals, _, areas = head.whole.normals(shut)
     stretch = stretched(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
     on_edge, on_face = (
@@ -59,7 +60,8 @@ def cover(
             widths[which] = np.maximum(widths, share * apart / stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
         if kind == mesh_parts.SKIN:
-            rows = np.flatnonzero(of_kind & (points[:, 1] < BUST_MM))
+            flat = (head.interpolate @ normals)[:, 1] > SLOPE
+            rows = np.flatnonzero(of_kind & flat & (points[:, 1] < BUST_MM))
             places = (PLACES / 6).astype(np.float32) @ shut[head.whole.corners]
             reach = farthest(points[rows], places.reshape(-1, 3))
             widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
