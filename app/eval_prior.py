@@ -242,9 +242,11 @@ def scan(judge: "Judge") -> dict[str, float]:
 
 def cost(judge: "Judge") -> dict[str, float]:
     """What a decode takes, median: CPU time, or on a GPU until the result is back; weights."""
+    import torch
+
     from render import identity
     from render.judge import weights_mb
-    from render.torch_decoder import TorchDecoder, on_device
+    from render.torch_decoder import TorchDecoder
     from render.types import AHEAD
 
     who = identity.load(identity.names()[0])
@@ -253,9 +255,8 @@ def cost(judge: "Judge") -> dict[str, float]:
         ("decode_cpu_ms", judge.decoder, time.process_time),
         ("decode_16k_cpu_ms", judge.sparse, time.process_time),
     ]
-    on_gpu = on_device(judge.decoder, "auto")
-    if isinstance(on_gpu, TorchDecoder):
-        rows.append(("decode_gpu_ms", on_gpu, time.perf_counter))
+    if torch.cuda.is_available():
+        rows.append(("decode_gpu_ms", TorchDecoder(judge.decoder, "cuda"), time.perf_counter))
     for name, decoder, clock in rows:
         rng = np.random.default_rng(0)
         times = []

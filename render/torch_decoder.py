@@ -27,11 +27,8 @@ WARM_UP = 3  # frames before a graph is recorded: torch allocates and chooses ke
 
 
 def on_device(decoder: Decoder, device: Literal["auto", "cpu", "cuda"]) -> "Decoder | TorchDecoder":
-    """The decoder where it is to run; "auto" is the GPU where PyTorch sees one."""
-    found = torch.cuda.is_available()
-    if device == "cpu" or not found:
-        return decoder
-    return TorchDecoder(decoder, "cuda")
+    """The decoder where it is to run: on a GPU only if asked for, as no GPU has run it yet."""
+    return TorchDecoder(decoder, device) if device == "cuda" else decoder
 
 
 class TorchDecoder:
