@@ -26,6 +26,7 @@ BUST_MM, SLOPE, HOLE_MM = -85.0, 0.35, 8.0
 PLACES = np.array([(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)])
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (19.0, 25.0), "upper": (8.0, 16.0)}
+LASH_WIDTH, LASH_OPACITY = 1.8, 0.35  # factors of the lower lashes
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -38,7 +39,10 @@ def cover(
     posing: Posing,
     mean_face: Floats,  # [V, 3] mm at rest
 ) -> tuple[Floats, Floats]:
-    """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck."""
+    """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck.
+
+    Lashes below the eye are few and thin: they are a soft shade, where they would be dots.
+    """
     shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
     normals, _, areas = head.whole.normals(shut)
     stretch = stretched(areas[head.triangle], head.rest_areas)
@@ -65,6 +69,11 @@ def cover(
             places = (PLACES / 6).astype(np.float32) @ shut[head.whole.corners]
             reach = farthest(points[rows], places.reshape(-1, 3))
             widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
+    eyes_mm = mean_face[np.concatenate(posing.eyeballs), 1].mean()
+    low = (head.interpolate @ mean_face[head.used])[:, 1] < eyes_mm - 1
+    lower_lashes = low & (kinds == mesh_parts.LASHES)
+    widths[lower_lashes] *= LASH_WIDTH
+    opacities[lower_lashes] *= LASH_OPACITY
     return widths, opacities
 
 

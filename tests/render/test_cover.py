@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from render import cameras, contact, identity, prior_file, sheet, weights_file
 from render.cover import BUST_MM, HOLE_MM, SLOPE, bared, spacing
 from render.decoder import Decoder
+from render.surface import DRY
 from render.types import Camera, Gaussians
 
 SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
@@ -182,3 +183,14 @@ def test_only_teeth_in_front_are_drawn(decoder):
     for side in (points[:, 1] < -34, points[:, 1] > -33):
         opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
         assert opacities[depth < 80].max() == 0 and np.median(opacities[depth > 101]) > 0.5
+
+
+def test_lower_lashes_are_a_soft_shade(decoder):
+    """Sharp they would be dots under the eye; the upper ones stay a line."""
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    mesh, head = prior_file.template(tensors), decoder.surface
+    dry = np.isin(head.used, np.flatnonzero(tensors["vertex_kinds"] == DRY)).astype(np.float32)
+    rows = head.interpolate @ dry > 0.99
+    height = (head.interpolate @ mesh[head.used])[:, 1] - mesh[decoder.eyeballs[0], 1].mean()
+    low, high = (decoder.opacities[rows & side] for side in (height < -1.5, height > 1.5))
+    assert len(low) > 40 and low.max() < 0.36 and high.max() > 0.6
