@@ -71,7 +71,7 @@ class DriveOptions(NetworkOptions):
     seed: int = 0
     """Seed of the diffusion noise and of the gaze."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where the networks and the decoder run."""
+    """Where the networks run; with cuda, the decoder too."""
 
     def load_driver(self, has_eyes: bool = False) -> "Driver":
         """Check the options and load the networks; `has_eyes`: the source shows eyes."""
