@@ -32,7 +32,7 @@ ROOT = 0.55  # brightness at the root, as a share of the tip's
 LIP_MM = -36.0  # height of the mouth; strands above it belong to a moustache
 FULL = 2.0  # strands stand closer than the stubble is dark at the edge of a beard
 EARS_MM = 12.0  # strands grow in front of them
-REACH_MM = 1.9  # a Gaussian's standard deviations that cover its segment
+LENGTH = 0.355  # standard deviation of a Gaussian along its segment, as a share of it
 
 
 @dataclass(frozen=True)
@@ -87,37 +87,21 @@ def grow(
     rng: np.random.Generator,
 ) -> Beard:
     """Strands for one person: roots by area, lit as part of the head at rest."""
-    cover = np.zeros(len(vertices), np.float32)
-    cover[maker.surface.used] = area(assembly, maker.surface.used, style.cheeks)
-    skin = assembly.face.faces[assembly.kinds == mesh_parts.SKIN]
-    share = np.clip(FULL * cover[skin].mean(1), 0, 1)
-    share *= np.clip((vertices[skin, 2].mean(1) - EARS_MM) / 18, 0, 1)
-    skin, share = skin[share > 0.02], share[share > 0.02]
-    a, b, c = (vertices[skin[:, k]] for k in range(3))
-    weight = share * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    chosen = rng.choice(len(skin), style.count, p=weight / weight.sum())
-    u, v = rng.uniform(0, 1, (2, style.count))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    shares = np.stack([1 - u - v, u, v], 1).astype(np.float32)
-    corners, full = skin[chosen], share[chosen]
+    corners, shares, full = _roots(assembly, maker, vertices, style, rng)
     roots = (vertices[corners] * shares[..., None]).sum(1)
     frames = beards.frames(vertices, corners)
     normal = frames[..., 2]
-    tufts = rng.integers(style.count, size=style.count // TUFT)
-    tuft = KDTree(roots[tufts]).query(roots)[1]
-    astray = rng.standard_normal((len(tufts), 3))[tuft] + 0.6 * rng.standard_normal(roots.shape)
-    down = flow(roots, normal) + CURL * astray
-    down -= (down * normal).sum(1, keepdims=True) * normal
-    down /= np.linalg.norm(down, axis=1, keepdims=True) + 1e-9
+    down = _lie(roots, normal, rng)
     length = style.length_mm * (SHORTEST + (1 - SHORTEST) * full)
     length = length * np.clip(1 + SPREAD * rng.standard_normal(style.count), 0.5, 1.5)
-    moustache = (roots[:, 1] > LIP_MM) & (np.abs(roots[:, 0]) < 30)
-    length[moustache] = np.minimum(length[moustache], 0.5 * np.abs(roots[moustache, 1] - LIP_MM))
+    over_lip = _over_lip(roots)
+    length[over_lip] = np.minimum(length[over_lip], 0.5 * np.abs(roots[over_lip, 1] - LIP_MM))
     bright = np.clip(1 + SPREAD * rng.standard_normal((style.count, 1)), 0.6, 1.5)
     light = _light(maker, vertices, roots, normal)
 
     parts: list[tuple[Floats, ...]] = []
     at, upright, step = np.zeros_like(roots), UPRIGHT, (length / SEGMENTS)[:, None]
+    size = np.concatenate([LENGTH * step, np.full((style.count, 2), RADIUS_MM)], 1)
     for segment in range(SEGMENTS):
         along = upright * normal + (1 - upright) * down
         along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -130,9 +114,6 @@ def grow(
             *(light[:, 0].copy(), (light[:, 1] * crossing).astype(np.float32)),
         )
         linear = (np.array(tint) * bright) ** 2 * shade * root
-        size = np.concatenate(
-            [step / (2 * REACH_MM) * 1.35, np.full((style.count, 2), RADIUS_MM)], 1
-        )
         local = [np.einsum("nij,ni->nj", frames, x) for x in (middle, along)]
         parts.append((*local, size, np.sqrt(np.clip(linear, 0, 1))))
     offsets, directions, scales, colors = (
@@ -146,10 +127,44 @@ def grow(
     )  # fmt: skip
 
 
+def _roots(
+    assembly: Assembly, maker: Maker, vertices: Floats, style: Strands, rng: np.random.Generator
+) -> tuple[NDArray[np.int32], Floats, Floats]:
+    """Triangles [n, 3], places on them [n, 3], and how much of a beard grows there [n] 0..1."""
+    cover = np.zeros(len(vertices), np.float32)
+    cover[maker.surface.used] = area(assembly, maker.surface.used, style.cheeks)
+    skin = assembly.face.faces[assembly.kinds == mesh_parts.SKIN]
+    share = np.clip(FULL * cover[skin].mean(1), 0, 1)
+    share *= np.clip((vertices[skin, 2].mean(1) - EARS_MM) / 18, 0, 1)
+    skin, share = skin[share > 0.02], share[share > 0.02]
+    a, b, c = (vertices[skin[:, k]] for k in range(3))
+    weight = share * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    chosen = rng.choice(len(skin), style.count, p=weight / weight.sum())
+    u, v = rng.uniform(0, 1, (2, style.count))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    shares = np.stack([1 - u - v, u, v], 1).astype(np.float32)
+    return skin[chosen], shares, share[chosen]
+
+
+def _lie(roots: Floats, normal: Floats, rng: np.random.Generator) -> Floats:  # -> [n, 3] unit
+    """The way each strand lies on the skin: with the flow, astray with its tuft."""
+    tufts = rng.integers(len(roots), size=len(roots) // TUFT)
+    tuft = KDTree(roots[tufts]).query(roots)[1]
+    astray = rng.standard_normal((len(tufts), 3))[tuft] + 0.6 * rng.standard_normal(roots.shape)
+    down = flow(roots, normal) + CURL * astray
+    down -= (down * normal).sum(1, keepdims=True) * normal
+    return down / (np.linalg.norm(down, axis=1, keepdims=True) + 1e-9)
+
+
+def _over_lip(roots: Floats) -> NDArray[np.bool_]:  # [n, 3] -> [n]
+    """Strands of a moustache."""
+    return (roots[:, 1] > LIP_MM) & (np.abs(roots[:, 0]) < 30)
+
+
 def flow(roots: Floats, normal: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 3]
     """The way a beard lies: down, back along the cheeks, outward above the mouth."""
     x, y = roots[:, 0], roots[:, 1]
-    above = ((y > LIP_MM) & (np.abs(x) < 30)).astype(np.float32)
+    above = _over_lip(roots).astype(np.float32)
     side = np.sign(x) * np.clip(np.abs(x) / 10, 0.2, 1)
     way = np.stack([above * side * 1.2, -np.ones_like(y), 0.25 * (1 - above)], 1)
     return way - (way * normal).sum(1, keepdims=True) * normal
