@@ -1,6 +1,7 @@
 """The house rules of DESIGN 2 and 6, held by the source itself."""
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,12 @@ def test_no_other_folders() -> None:
     folders = {p.name for p in ROOT.iterdir() if p.is_dir() and not p.name.startswith(".")}
     built = {name for name in folders if name.endswith(".egg-info") or name == "build"}
     assert folders - built <= {*PACKAGES, "tests", "recordings"}
+
+
+def test_the_readme_links_to_what_is_there() -> None:
+    """Red in a clone whose recordings/ lacks a picture: git ignores most of what lies there."""
+    links = re.findall(r"\]\(([^)#:]+)\)", (ROOT / "README.md").read_text())
+    assert len(links) > 4 and [link for link in links if not (ROOT / link).exists()] == []
 
 
 def test_commands_start_without_heavy_imports() -> None:
