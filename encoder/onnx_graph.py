@@ -60,10 +60,11 @@ class Graph:
         if exact or not self.bits or weight.shape[0] < MIN_INT8_INPUTS:
             return self.op("Gemm", x, self.const(weight), self.const(bias))
         scale = np.maximum(np.abs(weight).max(0), 1e-12) / 127
-        zero = 128 if self.bits == "uint8" else 0
+        zero, where = 0, ""  # none: a zero point costs the signed ones a twentieth of their time
+        if self.bits == "uint8":
+            zero, where = 128, self.const(np.array(128, np.uint8))
         quantised = (np.rint(weight / scale) + zero).astype(self.bits)
-        zeros = np.full(len(scale), zero, self.bits)
-        names = [self.const(array) for array in (quantised, scale, zeros, bias)]
+        names = [self.const(quantised), self.const(scale), where, self.const(bias)]
         return self.op("DynamicQuantizeMatMul", x, *names, domain="com.microsoft")
 
     def rename(self, name: str, output: str) -> None:

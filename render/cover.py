@@ -23,7 +23,8 @@ LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
 # Shoulders: below it, and no steeper (a wider neck would show). There the mesh is coarse: widths
 # reach its bare places, which are no holes if further off
 BUST_MM, SLOPE, HOLE_MM = -85.0, 0.35, 8.0
-PLACES = np.array([(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)])
+SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
+PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (19.0, 25.0), "upper": (8.0, 16.0)}
 LASH_WIDTH, LASH_OPACITY = 1.8, 0.35  # factors of the lower lashes
@@ -63,12 +64,11 @@ def cover(
         ):
             widths[which] = np.maximum(widths, share * apart / stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
-        if kind == mesh_parts.SKIN:
-            flat = (head.interpolate @ normals)[:, 1] > SLOPE
-            rows = np.flatnonzero(of_kind & flat & (points[:, 1] < BUST_MM))
-            places = (PLACES / 6).astype(np.float32) @ shut[head.whole.corners]
-            reach = farthest(points[rows], places.reshape(-1, 3))
-            widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
+    flat = (head.interpolate @ normals)[:, 1] > SLOPE
+    rows = np.flatnonzero((kinds == mesh_parts.SKIN) & flat & (points[:, 1] < BUST_MM))
+    places = PLACES @ shut[head.whole.corners]
+    reach = farthest(points[rows], places.reshape(-1, 3))
+    widths[rows] = np.maximum(widths[rows], reach / stretch[rows])
     eyes_mm = mean_face[np.concatenate(posing.eyeballs), 1].mean()
     low = (head.interpolate @ mean_face[head.used])[:, 1] < eyes_mm - 1
     lower_lashes = low & (kinds == mesh_parts.LASHES)

@@ -29,7 +29,8 @@ NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 CORNEA_MM, CORNEA_RADIUS_MM = np.array([1.11, 0.07, 8.68], np.float32), 9.0  # from the eye's centre
 HIGHLIGHT_MM, HIGHLIGHT_OPACITY = 0.5, 0.85
 LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
-MOUTH_OPENS_MM = 0.4  # gap of the lips at which the inside of the mouth is drawn in full
+MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4  # gap of the lips at which the inside of the mouth
+# begins to be drawn, and how much wider they are when it is drawn in full
 Floats = NDArray[np.float32]
 
 
@@ -147,7 +148,7 @@ class Decoder:
             line.veil(vertices, placed.means, eye, placed.colors[lids].mean(0), placed.colors)
         opacities[:count] = known.opacities
         gap = self.posing.mouth.gaps(vertices).max()
-        opacities[self.interior] *= np.clip((gap - 0.1) / MOUTH_OPENS_MM, 0, 1)
+        opacities[self.interior] *= np.clip((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0, 1)
 
         shine = slice(count, count + 2)
         for eye, side in enumerate((1, -1)):

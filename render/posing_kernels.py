@@ -11,6 +11,7 @@ Ints = NDArray[np.int32]
 
 LANES = 16  # vertices that are moved together
 WIDTH = 3 * LANES
+EDGE_MM2 = np.float32(0.3)  # of the edge of a lid, about half a millimetre is looked at together
 STATIONS = 24  # places across an eye where the edges of its lids are looked up
 
 
@@ -121,7 +122,7 @@ def height_at(
     for member in members:
         v = np.uintp(member)
         apart = vertices[v, 0] - x
-        near = np.float32(1) / (apart * apart + np.float32(0.3))
+        near = np.float32(1) / (apart * apart + EDGE_MM2)
         height += near * near * vertices[v, 1]
         total += near * near
     return height / total

@@ -126,7 +126,8 @@ class _Person:
         colors[eyes] = lids.veil(vertices, means[eyes], covers, colors[eyes])
         opacities = self._opacities.clone()
         gap = posing.lines.gaps(vertices)[posing.mouth].max()
-        opacities[self._interior] *= ((gap - 0.1) / plain.MOUTH_OPENS_MM).clamp(0, 1)
+        opened = (gap - plain.MOUTH_SHUT_MM) / plain.MOUTH_OPENS_MM
+        opacities[self._interior] *= opened.clamp(0, 1)
         shines = (turned @ self._corneas[..., None])[..., 0] + self._shines
         clears = plain.LID_CLEARS_MM - plain.LID_COVERS_MM
         shown = ((lids.bareness(vertices, shines) - plain.LID_COVERS_MM) / clears).clamp(0, 1)

@@ -14,8 +14,6 @@ from render import posing_kernels
 from render.contact import PUSH_PASSES, VEILED_MM, Line
 from render.posing import CLOSE_MARGIN, OVERSHOOT, SOFT_LIMIT, Posing, Rest
 
-EDGE_MM2 = 0.3  # see posing_kernels.height_at
-
 
 class TorchLines:
     """Lines along which two sides meet (`render.contact.Line`), end to end.
@@ -69,7 +67,8 @@ class TorchLids:
     def edges(self, vertices: Tensor, x: Tensor) -> Tensor:  # [V, 3], [2, n] -> [2, 2, n] mm
         """Heights of each eye's upper and lower lid at places across it."""
         side = vertices[self._members][:, :, None]  # [2, 2, 1, P, 3]
-        near = self._weights / ((side[..., 0] - x[:, None, :, None]).square() + EDGE_MM2).square()
+        apart = side[..., 0] - x[:, None, :, None]
+        near = self._weights / (apart.square() + float(posing_kernels.EDGE_MM2)).square()
         return (near * side[..., 1]).sum(-1) / near.sum(-1)
 
     def bareness(self, vertices: Tensor, points: Tensor) -> Tensor:  # [V, 3], [2, 3] -> [2] mm

@@ -147,6 +147,4 @@ class TorchBeard:
         offsets, along = (self._parts @ frame).unbind(1)
         x, y, z = along.split(1, 1)
         means = a + self._shares[:, :1] * b + self._shares[:, 1:] * c + offsets
-        return means, torch.cat(
-            [1 + x + (float(surface.BEHIND) - 1), torch.zeros_like(x), -z, y], 1
-        )
+        return means, torch.cat([float(surface.BEHIND) + x, torch.zeros_like(x), -z, y], 1)

@@ -97,7 +97,8 @@ def grow(
     over_lip = _over_lip(roots)
     length[over_lip] = np.minimum(length[over_lip], 0.5 * np.abs(roots[over_lip, 1] - LIP_MM))
     bright = np.clip(1 + SPREAD * rng.standard_normal((style.count, 1)), 0.6, 1.5)
-    light = _light(maker, vertices, roots, normal)
+    places = (roots.astype(np.float32), np.ascontiguousarray(normal, np.float32))
+    light = maker.occlusion(vertices, normal, points=places, offset_mm=2.0)
 
     parts: list[tuple[Floats, ...]] = []
     at, upright, step = np.zeros_like(roots), UPRIGHT, (length / SEGMENTS)[:, None]
@@ -109,10 +110,8 @@ def grow(
         at, upright = at + step * along, 0.5 * upright
         crossing = np.sqrt(1 - np.clip(along @ KEY, -1, 1) ** 2)
         root = ROOT + (1 - ROOT) * (segment + 1) / SEGMENTS
-        shade = STUDIO.shade(
-            np.ascontiguousarray(normal, np.float32),
-            *(light[:, 0].copy(), (light[:, 1] * crossing).astype(np.float32)),
-        )
+        lit = (light[:, 1] * crossing).astype(np.float32)
+        shade = STUDIO.shade(places[1], light[:, 0].copy(), lit)
         linear = (np.array(tint) * bright) ** 2 * shade * root
         local = [np.einsum("nij,ni->nj", frames, x) for x in (middle, along)]
         parts.append((*local, size, np.sqrt(np.clip(linear, 0, 1))))
@@ -168,10 +167,3 @@ def flow(roots: Floats, normal: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 3]
     side = np.sign(x) * np.clip(np.abs(x) / 10, 0.2, 1)
     way = np.stack([above * side * 1.2, -np.ones_like(y), 0.25 * (1 - above)], 1)
     return way - (way * normal).sum(1, keepdims=True) * normal
-
-
-def _light(maker: Maker, vertices: Floats, roots: Floats, normal: Floats) -> Floats:  # [n, 2]
-    """Shares of the sky and of the key light that reach the strands."""
-    normals = maker.normals(vertices)
-    places = (roots.astype(np.float32), np.ascontiguousarray(normal, np.float32))
-    return maker.occlusion(vertices, normals, None, places, offset_mm=2.0)

@@ -27,8 +27,9 @@ def test_unsigned_weights_are_the_signed_ones() -> None:
     for bits in ("int8", "uint8"):
         graph = Graph(bits)
         graph.linear("x", weight, bias)
-        values, scale, zeros, _ = map(numpy_helper.to_array, graph.constants)
-        found[bits] = (values.astype(int) - zeros) * scale
+        made = {c.name: numpy_helper.to_array(c) for c in graph.constants}
+        _, values, scale, zero, _ = graph.nodes[0].input
+        found[bits] = (made[values].astype(int) - made.get(zero, 0)) * made[scale]
     np.testing.assert_array_equal(found["int8"], found["uint8"])
     np.testing.assert_allclose(found["int8"], weight, atol=np.abs(weight).max() / 254)
 
