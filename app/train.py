@@ -7,8 +7,9 @@ from typing import Literal
 from tyro.conf import Positional
 
 Stage = Literal[
-    "prior", "audio", "diffusion", "distill", "regression", "gaze", "eyes", "multimodal", "emotion"
-]
+    "prior", "audio", "diffusion", "distill", "contact", "regression", "gaze", "eyes", "multimodal",
+    "emotion",
+]  # fmt: skip
 Variant = Literal[
     "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
     "fine-tune", "no-lip",
@@ -19,8 +20,8 @@ Variant = Literal[
 class Train:
     """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
 
-    Order: audio, diffusion, distill; then gaze (a graph), eyes, multimodal; emotion. On several
-    GPUs or machines start it with torchrun.
+    Order: audio, diffusion, distill, contact (shuts the student's lips); then gaze (a graph), eyes,
+    multimodal; emotion. On several GPUs or machines start it with torchrun.
     """
 
     stage: Positional[Stage]
@@ -32,8 +33,8 @@ class Train:
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None
-    """Folder with weights of the same shapes to start from; emotion: with the student to extend,
-    and convolutions to go on from where it has some."""
+    """Folder with weights of the same shapes to start from; contact and emotion: with the student
+    to extend; emotion: and with convolutions to go on from where it has some."""
     steps: int | None = None
     """Instead of the preset's."""
     face: Path = Path("face")

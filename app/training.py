@@ -35,7 +35,7 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
         "diffusion": {"jitter_normalised": False},
         "distill": {"jitter_normalised": False},
     },
-    "lookahead": {"regression": {"lookahead": 5}},  # 167 ms
+    "lookahead": {"regression": {"lookahead": 5}, "contact": {}},  # 167 ms
     "no-dmd": {"distill": {"dmd_weight": 0.0}},
     "fine-tune": {"emotion": {"fine_tune": True, "rate": 5e-4}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
@@ -140,9 +140,19 @@ def run_stage(command: "Train") -> None:
 
 
 def _run_motion(command: "Train", folder: Path, run: "Run", settings: dict[str, Any]) -> None:
-    from encoder.training import diffusion, distill
+    from encoder.training import contact, diffusion, distill
 
     streams = _streams(command, folder)
+    if command.stage == "contact":
+        weights, name = _weights(command), "student"
+        if command.variant != "none":  # on the regression that this variant trained
+            weights, name = folder, "regression"
+        config = contact.preset(
+            command.preset, streams=streams, student=(command.start or weights) / name,
+            output=weights / name, run=run, **settings,
+        )  # fmt: skip
+        contact.run(config, face())
+        return
     if command.stage == "distill":
         teacher = folder if command.variant != "no-dmd" else command.data
         student = _weights(command) if command.variant == "none" else folder
@@ -176,7 +186,7 @@ def _settings(command: "Train") -> dict[str, Any]:
     settings = dict(stages.get(command.stage, {}))
     if command.steps is not None:
         settings["steps"] = command.steps
-    if command.start is not None and command.stage != "emotion":
+    if command.start is not None and command.stage not in ("emotion", "contact"):
         names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
         settings["start"] = command.start / names.get(command.stage, "regression")
     return settings

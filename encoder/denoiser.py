@@ -18,6 +18,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from encoder.contact import Contact
 from encoder.streaming import State
 
 
@@ -35,6 +36,7 @@ class DenoiserConfig:
     causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
     attention: Literal["softmax", "linear"] = "softmax"
     num_steps: int = 200  # N
+    contact: int = 0  # hidden units of the student's contact head; 0: none
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -132,6 +134,11 @@ class Block(nn.Module):
         return x + gate2 * self.down(functional.gelu(self.up(y), approximate="tanh")), kept
 
 
+def _kept(x: Tensor, keep: Tensor | None, null: Tensor) -> Tensor:
+    """x [B, T, C], or null [C] in the rows that keep [B] leaves out."""
+    return x if keep is None else torch.where(keep[:, None, None], x, null)
+
+
 def _with(x: Tensor, emotion: Tensor | None) -> Tensor:
     """x [B, T, C] shifted and scaled by an emotion [B, 1, 2 C], alike at all frames."""
     if emotion is None:
@@ -167,22 +174,15 @@ class Denoiser(nn.Module):
         self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.dim)
         self.output = nn.Linear(config.dim, config.expression_dim)
+        self.contact: Contact | None = None
+        if config.contact:
+            self.contact = Contact(config.expression_dim, config.audio_dim, config.contact)
 
     def standardise(self, x: Tensor) -> Tensor:
         return (x - self.expression_mean) / self.expression_std
 
     def unstandardise(self, x: Tensor) -> Tensor:
         return x * self.expression_std + self.expression_mean
-
-    def _inputs(
-        self, noisy: Tensor, audio: Tensor, condition: Tensor,
-        keep_audio: Tensor | None, keep_condition: Tensor | None,
-    ) -> Tensor:  # fmt: skip
-        if keep_audio is not None:
-            audio = torch.where(keep_audio[:, None, None], audio, self.null_audio)
-        if keep_condition is not None:
-            condition = torch.where(keep_condition[:, None, None], condition, self.null_condition)
-        return self.input(torch.cat([noisy, audio, condition], -1))
 
     def _tau(self, tau: Tensor) -> Tensor:  # [B] -> [B, dim]
         return self.tau(embed_tau(tau, self.config.dim).to(self.output.weight.dtype))
@@ -196,8 +196,9 @@ class Denoiser(nn.Module):
         sizes = [2 * size for size in self.config.places]
         return [None] * len(sizes) if emotion is None else emotion[:, None].split(sizes, -1)
 
-    def _output(self, x: Tensor, places: Sequence[Tensor | None]) -> Tensor:  # [B, T, dim] -> x0
-        return _with(self.output(self.norm(_with(x, places[-2]))), places[-1])
+    def _output(self, x: Tensor, audio: Tensor, places: Sequence[Tensor | None]) -> Tensor:
+        x0 = _with(self.output(self.norm(_with(x, places[-2]))), places[-1])  # x [B, T, dim]
+        return x0 if self.contact is None else self.contact(x0, audio)
 
     def forward(
         self,
@@ -209,14 +210,16 @@ class Denoiser(nn.Module):
         keep_condition: Tensor | None = None,  # [B] bool
         emotion: Tensor | None = None,  # [B, 2 sum(places)], see zero_conv.py
     ) -> Tensor:  # x0 [B, T, 256]
-        x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
+        audio = _kept(audio, keep_audio, self.null_audio)
+        condition = _kept(condition, keep_condition, self.null_condition)
+        x = self.input(torch.cat([noisy, audio, condition], -1))
         positions = torch.arange(x.shape[1], device=x.device)
         lag = positions[:, None] - positions[None]
         mask = (lag >= 0) & (lag <= self.config.window) | (not self.config.causal)
         rope, embedded, places = self._rope(positions), self._tau(tau), self._places(emotion)
         for i, block in enumerate(self.blocks):
             x, _ = block(_with(x, places[i]), embedded, None, rope, mask)
-        return self._output(x, places)
+        return self._output(x, audio, places)
 
     def init_state(self, batch: int) -> State:
         """keys, values: one [B, H, w, D] a layer, stale until `frame` (int64 []) has reached w."""
@@ -233,7 +236,9 @@ class Denoiser(nn.Module):
     ) -> tuple[Tensor, State]:  # fmt: skip
         """Any number of new frames T, shapes as in `forward`; tau stays the same in a stream."""
         window = self.config.window
-        x = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
+        audio = _kept(audio, keep_audio, self.null_audio)
+        condition = _kept(condition, keep_condition, self.null_condition)
+        x = self.input(torch.cat([noisy, audio, condition], -1))
         time, frame = x.shape[1], state["frame"].to(x.device)
         positions = frame + torch.arange(-window, time, device=x.device)
         lag = positions[window:, None] - positions[None]
@@ -251,4 +256,4 @@ class Denoiser(nn.Module):
             "values": torch.stack([v for _, v in kept]),
             "frame": state["frame"] + time,
         }
-        return self._output(x, places), state
+        return self._output(x, audio, places), state

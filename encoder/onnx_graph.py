@@ -227,6 +227,24 @@ def _attention(
     return g.linear(y, out, out_bias), k, v
 
 
+def _contact(g: Graph, x0: str, config: DenoiserConfig, weights: Weights) -> str:
+    """x0 [1, 256] with the head of contact.py behind it."""
+    from encoder.contact import KNOTS_MM, REACH_MM
+
+    sizes = [config.expression_dim, config.audio_dim, config.condition_dim]
+    _, audio, _ = g.op("Split", "inputs", g.const(sizes), outputs=3, axis=1)
+    row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
+    gap = g.linear(x0, row, rest, exact=True)
+    near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
+    seen = g.op("Concat", gap, near, audio, axis=1)
+    listen, move = (
+        lambda x, n=n: g.linear(x, weights[f"{n}.weight"].T, weights[f"{n}.bias"], exact=True)
+        for n in ("contact.listen", "contact.move")
+    )
+    moved = g.op("Tanh", move(g.op("Relu", listen(seen))))
+    return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
+
+
 def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
     """One frame at tau = N. keys, values [L, H, w, D] hold the past, rotated, in any order; bias
     [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion [1, width]
@@ -261,7 +279,8 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
     scale, shift = g.const(weights["norm.weight"]), g.const(weights["norm.bias"])
     x = g.op("LayerNormalization", x, scale, shift, epsilon=1e-5)
     x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
-    g.rename(felt(x0, config.layers + 1), "x0")
+    x0 = felt(x0, config.layers + 1)
+    g.rename(_contact(g, x0, config, weights) if config.contact else x0, "x0")
     new = [config.layers, config.heads, dim // config.heads]
     g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
     g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")

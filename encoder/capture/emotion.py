@@ -35,14 +35,14 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthShrugLower": 0.2},
         0.82, 0.9, 0.6, 0.7, 0.75,
     ),
-    "angry": Emotion(  # AU 4 + 5 + 7 + 23
-        {"browDown": 0.8, "eyeSquint": 0.4, "eyeWide": 0.2, "noseSneer": 0.3, "mouthPress": 0.2,
-         "jawForward": 0.15, "mouthLowerDown": 0.12},
+    "angry": Emotion(  # AU 4 + 5 + 7 + 23: a stare under low brows, which tells it from disgusted
+        {"browDown": 1.0, "eyeSquint": 0.45, "eyeWide": 0.35, "noseSneer": 0.5, "mouthPress": 0.3,
+         "mouthFrown": 0.15, "jawForward": 0.3, "mouthLowerDown": 0.15},
         1.1, 1.1, 1.4, 1.4, 1.15,
     ),
     "afraid": Emotion(  # AU 1 + 2 + 4 + 5 + 20
-        {"browInnerUp": 0.65, "browOuterUp": 0.35, "browDown": 0.25, "eyeWide": 0.6,
-         "mouthStretch": 0.45},
+        {"browInnerUp": 0.9, "browOuterUp": 0.3, "browDown": 0.2, "eyeWide": 0.85,
+         "mouthStretch": 0.5, "mouthLowerDown": 0.1},
         1.12, 1.22, 1.1, 0.9, 0.9,
     ),
     "surprised": Emotion(  # AU 1 + 2 + 5 + 26: the jaw drops, which tells it from excited
@@ -65,9 +65,9 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthShrugLower": 0.35, "mouthLeft": 0.12},
         0.8, 0.92, 0.45, 0.75, 0.65,
     ),
-    "pained": Emotion(  # AU 4 + 6 + 7 + 9 + 20
-        {"browDown": 0.7, "cheekSquint": 0.5, "eyeSquint": 0.7, "noseSneer": 0.45,
-         "mouthStretch": 0.35, "mouthUpperUp": 0.15},
+    "pained": Emotion(  # AU 4 + 6 + 7 + 9 + 20 + 43: screwed up eyes
+        {"browDown": 0.7, "browInnerUp": 0.4, "cheekSquint": 0.8, "eyeSquint": 0.8, "eyeBlink": 0.2,
+         "noseSneer": 0.35, "mouthStretch": 0.4, "mouthUpperUp": 0.15},
         0.88, 1.08, 1.1, 0.95, 0.9,
     ),
     "doubtful": Emotion(  # one brow up, mouth to the side

@@ -36,6 +36,7 @@ TRUTH = (
     "mouth: made by rules from phones, by a face tracker (GRID), or by rule-trained audio heads "
     "and loudness (other real voices); eyes, lids and brows: made by rules"
 )
+HEAD = "contact."  # how the names of the contact head's tensors begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,6 +114,14 @@ def load_denoiser(path: Path, *kinds: str) -> tuple[Denoiser, dict[str, Any]]:
     return model, card
 
 
+def headless(student: Denoiser) -> Denoiser:
+    """A copy without the contact head, which is trained behind everything else."""
+    plain = Denoiser(replace(student.config, contact=0))
+    tensors = student.state_dict().items()
+    plain.load_state_dict({name: value for name, value in tensors if not name.startswith(HEAD)})
+    return plain
+
+
 def draw_tau(count: int, num_steps: int, last_share: float, device: torch.device) -> Tensor:
     """[B] int64: uniform over 1..N, with an extra share at N."""
     tau = torch.randint(1, num_steps + 1, (count,), device=device)
@@ -173,7 +182,7 @@ def run(config: DiffusionConfig, face: Face) -> dict[str, float]:
     fit_scale(model, streams.codes)
     whitening = Whitening.of(streams.features)
     if config.start is not None:
-        old, _ = load_denoiser(config.start, "diffusion", "student")
+        old = headless(load_denoiser(config.start, "diffusion", "student")[0])
         if old.config != sizes:
             raise InputError(
                 f"--start {config.start}: expected a model of the same config, got another; "

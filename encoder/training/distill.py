@@ -25,6 +25,7 @@ from encoder.training.diffusion import (
     TRUTH,
     fold_gaze,
     geometry_losses,
+    headless,
     load_denoiser,
 )
 from encoder.training.geometry import Face
@@ -246,7 +247,7 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
     streams = Streams.load(config.streams, face)
     teacher, card = load_denoiser(config.teacher, "diffusion")
     first = config.start or config.teacher  # the paper's student starts as the teacher
-    student, _ = load_denoiser(first, "diffusion", "student")
+    student = headless(load_denoiser(first, "diffusion", "student")[0])
     whitening = Whitening.of(streams.features)
     for model in (teacher, student):
         whitening.fold(fold_gaze(model, inverse=True), inverse=True).to(config.run.device)

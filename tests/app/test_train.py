@@ -26,7 +26,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
         clips.append(dataset.make_clip(sound, rig, gaze, np.zeros(40), truth=truth, voice="tone"))
     shard = dataset.write_shard(folder / "shard_000.npz", clips)
     dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
-    for stage in ("audio", "diffusion", "distill", "regression"):
+    for stage in ("audio", "diffusion", "distill", "contact", "regression"):
         train(folder, stage)
     return folder
 
@@ -64,6 +64,20 @@ def test_every_variant_trains_in_its_own_folder(data):
     assert card(data / "centred" / "student")["audio_sha256"] == centred["sha256"]
     assert (data / "no-dmd" / "student.json").is_file()
     assert card(data / "teacher")["sha256"] == before
+
+
+def test_the_student_gets_a_head_and_loses_it_where_it_learns_on(data, tmp_path):
+    assert card(data / "weights" / "student")["config"]["contact"] == 32
+    for stage, made in (("distill", tmp_path / "student"), ("regression", data / "regression")):
+        start = tmp_path / stage
+        start.mkdir()
+        for suffix in (".json", ".safetensors"):
+            text = (data / "weights" / "student").with_suffix(suffix).read_bytes()
+            (start / ("student" if stage == "distill" else "regression")).with_suffix(
+                suffix
+            ).write_bytes(text)
+        train(data, stage, start=start, out=tmp_path, steps=1)
+        assert card(made)["config"]["contact"] == 0
 
 
 def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):

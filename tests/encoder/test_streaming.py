@@ -74,9 +74,13 @@ def poison_cache(state: State) -> State:
 @pytest.mark.parametrize("attention", ["softmax", "linear"])
 def test_denoiser(attention: str, dtype: torch.dtype) -> None:
     config = DenoiserConfig(
-        expression_dim=12, audio_dim=8, layers=2, dim=32, ff_dim=48, window=5, attention=attention
-    )
+        expression_dim=12, audio_dim=8, layers=2, dim=32, ff_dim=48, window=5, attention=attention,
+        contact=6,
+    )  # fmt: skip
     stream = DenoiserStream(config).to(dtype)
+    assert stream.inner.contact is not None
+    for tensor in (*stream.inner.contact.buffers(), *stream.inner.contact.parameters()):
+        torch.nn.init.normal_(tensor)
     x = noise(2, 30, 26, dtype=dtype)
     # Offline the mask multiplies the future by an exact 0, and 0 * NaN is NaN: large numbers.
     check_streaming(stream, x, poison=poison_cache, junk=(1e3, -1e3))
