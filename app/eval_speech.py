@@ -119,6 +119,7 @@ class Judgement:
         """(setting, name, row, number of draws)."""
         from app.eval_live import live_codes
         from encoder import evaluation
+        from encoder.denoiser import headless
 
         draws = self.command.samples
         audio = evaluation.features(segments, evaluation.whole(self.encoder))
@@ -129,10 +130,12 @@ class Judgement:
         def live(seed: int) -> np.ndarray:
             return live_codes(self.driver, segments, seed)
 
+        plain = headless(student)
         rows: list[tuple[str, str, Row, int]] = [
             (GT, "mean face", lambda seed: mean, 1),
             (GT, "energy to jaw", self._energy_to_jaw(segments), 1),
             (GT, "student", student_row(student, audio, gaze), draws),
+            (GT, "no contact head", student_row(plain, audio, gaze), draws),
             (SYNTHESISED, "student", student_row(student, audio, None), draws),
             (LIVE, "student", live, draws),
         ]

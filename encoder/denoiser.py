@@ -9,7 +9,7 @@ outpainting, exactly.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import log, pi
 from typing import Literal
@@ -20,6 +20,8 @@ from torch.nn import functional
 
 from encoder.contact import Contact
 from encoder.streaming import State
+
+HEAD = "contact."  # how the names of the contact head's tensors begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -257,3 +259,11 @@ class Denoiser(nn.Module):
             "frame": state["frame"] + time,
         }
         return self._output(x, audio, places), state
+
+
+def headless(student: Denoiser) -> Denoiser:
+    """A copy without the contact head, which is trained behind everything else."""
+    plain = Denoiser(replace(student.config, contact=0))
+    tensors = student.state_dict().items()
+    plain.load_state_dict({name: value for name, value in tensors if not name.startswith(HEAD)})
+    return plain

@@ -17,9 +17,9 @@ from torch import Tensor
 from encoder import checkpoint
 from encoder.capture.channels import MOUTH_CLOSE, RIG_NAMES
 from encoder.contact import Contact
-from encoder.denoiser import Denoiser
+from encoder.denoiser import HEAD, Denoiser, headless
 from encoder.training import loop
-from encoder.training.diffusion import HEAD, fold_gaze, headless, load_denoiser
+from encoder.training.diffusion import fold_gaze, load_denoiser
 from encoder.training.geometry import Face, contact_loss
 from encoder.training.streams import Streams
 

@@ -18,7 +18,7 @@ from torch import Tensor
 
 from encoder import checkpoint
 from encoder.denoiser import PRESETS as DENOISERS
-from encoder.denoiser import Denoiser, DenoiserConfig
+from encoder.denoiser import Denoiser, DenoiserConfig, headless
 from encoder.diffusion import Schedule
 from encoder.training import loop, parallel
 from encoder.training.geometry import (
@@ -36,7 +36,6 @@ TRUTH = (
     "mouth: made by rules from phones, by a face tracker (GRID), or by rule-trained audio heads "
     "and loudness (other real voices); eyes, lids and brows: made by rules"
 )
-HEAD = "contact."  # how the names of the contact head's tensors begin
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,14 +111,6 @@ def load_denoiser(path: Path, *kinds: str) -> tuple[Denoiser, dict[str, Any]]:
     model = Denoiser(checkpoint.config_from(DenoiserConfig, card["config"]))
     model.load_state_dict({key: value.float() for key, value in tensors.items()})
     return model, card
-
-
-def headless(student: Denoiser) -> Denoiser:
-    """A copy without the contact head, which is trained behind everything else."""
-    plain = Denoiser(replace(student.config, contact=0))
-    tensors = student.state_dict().items()
-    plain.load_state_dict({name: value for name, value in tensors if not name.startswith(HEAD)})
-    return plain
 
 
 def draw_tau(count: int, num_steps: int, last_share: float, device: torch.device) -> Tensor:

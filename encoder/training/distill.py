@@ -18,14 +18,13 @@ from torch import Tensor
 from tqdm import tqdm
 
 from encoder import checkpoint
-from encoder.denoiser import Denoiser
+from encoder.denoiser import Denoiser, headless
 from encoder.diffusion import Guidance, Schedule, ddim_taus, guided
 from encoder.training import loop, parallel
 from encoder.training.diffusion import (
     TRUTH,
     fold_gaze,
     geometry_losses,
-    headless,
     load_denoiser,
 )
 from encoder.training.geometry import Face

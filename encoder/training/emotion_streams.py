@@ -36,7 +36,7 @@ class EmotionStreamConfig:
     pack: Path
     audio: Path  # the audio checkpoint, without suffix
     output: Path  # .npz to write
-    minutes: float = 60.0
+    minutes: float = 240.0
     stream_frames: int = 900
     versions: int = 4  # emotions laid over each stream
     acted: float = 0.5  # share of acted streams

@@ -1,6 +1,7 @@
 """`livedrive train`: every stage and variant of the debug preset, where its files go, bad input."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -67,17 +68,14 @@ def test_every_variant_trains_in_its_own_folder(data):
 
 
 def test_the_student_gets_a_head_and_loses_it_where_it_learns_on(data, tmp_path):
-    assert card(data / "weights" / "student")["config"]["contact"] == 32
-    for stage, made in (("distill", tmp_path / "student"), ("regression", data / "regression")):
-        start = tmp_path / stage
-        start.mkdir()
-        for suffix in (".json", ".safetensors"):
-            text = (data / "weights" / "student").with_suffix(suffix).read_bytes()
-            (start / ("student" if stage == "distill" else "regression")).with_suffix(
-                suffix
-            ).write_bytes(text)
-        train(data, stage, start=start, out=tmp_path, steps=1)
-        assert card(made)["config"]["contact"] == 0
+    own = shutil.copytree(data / "weights", tmp_path / "weights")
+    for suffix in (".json", ".safetensors"):
+        shutil.copy((own / "student").with_suffix(suffix), (own / "regression").with_suffix(suffix))
+    assert card(own / "student")["config"]["contact"] == 32
+    train(data, "distill", start=own, out=own)
+    train(data, "regression", start=own, out=own)
+    for path in (own / "student", data / "regression"):
+        assert card(path)["config"]["contact"] == 0
 
 
 def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):

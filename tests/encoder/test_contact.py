@@ -14,9 +14,9 @@ from encoder.audio_encoder import AudioEncoder
 from encoder.backends import create_backend
 from encoder.capture.channels import JAW_OPEN, MOUTH_CLOSE
 from encoder.contact import REACH_MM, Contact
-from encoder.denoiser import PRESETS, Denoiser
+from encoder.denoiser import PRESETS, Denoiser, headless
 from encoder.training import contact, loop
-from encoder.training.diffusion import headless, load_denoiser
+from encoder.training.diffusion import load_denoiser
 from encoder.training.geometry import Face
 
 TO_CODE = np.linalg.qr(np.random.default_rng(0).normal(size=(256, 53)))[0].T.astype(np.float32)
