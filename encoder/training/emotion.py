@@ -26,7 +26,7 @@ from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 from sensors.types import InputError
 
 NEAR_MM = 2.0  # a gap of the inner lips; a smaller one is about to be a closure
-CONTACT_WEIGHT = 20.0  # mm^2: closures are rare, and a hair's breadth undoes them
+CONTACT_WEIGHT = 40.0  # mm^2: closures are rare, and a hair's breadth undoes them
 CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
