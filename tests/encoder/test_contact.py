@@ -150,6 +150,32 @@ def test_it_learns_to_shut_lips_when_it_hears_that_they_are(folder: Path) -> Non
         torch.testing.assert_close(tensor, before.state_dict()[name], atol=2e-2, rtol=2e-2)
 
 
+def test_each_loss_is_zero_at_the_truth_alone(folder: Path) -> None:
+    model, settings = student(), config(folder)
+    torch.nn.init.zeros_(model.output.weight)
+    torch.nn.init.zeros_(model.output.bias)
+    head = contact.new_head(model, FACE, 8)
+    audio, gaze = torch.zeros(1, 30, 512), torch.zeros(1, 30, 6)
+    scale = torch.zeros(512), torch.ones(512)
+
+    def found(jaw: torch.Tensor) -> dict[str, float]:
+        model.expression_mean.copy_(jaw[0])
+        codes = (
+            jaw * (torch.arange(30) % 10 < 5)[:, None]
+        )  # shut now and then
+        batch = codes[None], audio, gaze, torch.ones(1, 30)
+        rows = contact.losses(head, model, batch, scale, FACE, settings)
+        return {name: float(value.detach()) for name, value in rows.items()}
+
+    wrong = found(torch.from_numpy(0.3 * TO_CODE[JAW_OPEN])[None])
+    right = found(torch.zeros(1, 256))
+    assert min(wrong[name] for name in ("contact", "gap", "spread")) > 0.1
+    assert max(right.values()) < 1e-3
+    parts = ("contact", "gap", "spread", "effort")
+    total = sum(getattr(settings, f"{name}_weight") * wrong[name] for name in parts)
+    assert wrong["total"] == pytest.approx(total, rel=1e-5)
+
+
 def test_a_second_head_takes_the_place_of_the_first(folder: Path) -> None:
     contact.run(config(folder, steps=2), FACE)
     contact.run(config(folder, steps=2, hidden=5), FACE)
