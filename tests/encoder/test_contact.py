@@ -160,9 +160,7 @@ def test_each_loss_is_zero_at_the_truth_alone(folder: Path) -> None:
 
     def found(jaw: torch.Tensor) -> dict[str, float]:
         model.expression_mean.copy_(jaw[0])
-        codes = (
-            jaw * (torch.arange(30) % 10 < 5)[:, None]
-        )  # shut now and then
+        codes = jaw * (torch.arange(30) % 10 < 5)[:, None]  # shut now and then
         batch = codes[None], audio, gaze, torch.ones(1, 30)
         rows = contact.losses(head, model, batch, scale, FACE, settings)
         return {name: float(value.detach()) for name, value in rows.items()}
