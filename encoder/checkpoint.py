@@ -90,6 +90,12 @@ def save(path: Path | str, tensors: Mapping[str, Tensor], card: Mapping[str, Any
     partial = path.with_name(path.name + ".partial")
     save_file(tensors, partial)
     partial.replace(path.with_name(path.name + ".safetensors"))
+    write_card(path, card)
+
+
+def write_card(path: Path, card: Mapping[str, Any]) -> None:
+    """`path`.json as a whole or not at all."""
+    partial = path.with_name(path.name + ".partial")
     partial.write_text(json.dumps(card, indent=1) + "\n")
     partial.replace(path.with_name(path.name + ".json"))
 

@@ -136,11 +136,6 @@ class Block(nn.Module):
         return x + gate2 * self.down(functional.gelu(self.up(y), approximate="tanh")), kept
 
 
-def _kept(x: Tensor, keep: Tensor | None, null: Tensor) -> Tensor:
-    """x [B, T, C], or null [C] in the rows that keep [B] leaves out."""
-    return x if keep is None else torch.where(keep[:, None, None], x, null)
-
-
 def _with(x: Tensor, emotion: Tensor | None) -> Tensor:
     """x [B, T, C] shifted and scaled by an emotion [B, 1, 2 C], alike at all frames."""
     if emotion is None:
@@ -186,6 +181,17 @@ class Denoiser(nn.Module):
     def unstandardise(self, x: Tensor) -> Tensor:
         return x * self.expression_std + self.expression_mean
 
+    def _inputs(
+        self, noisy: Tensor, audio: Tensor, condition: Tensor,
+        keep_audio: Tensor | None, keep_condition: Tensor | None,
+    ) -> tuple[Tensor, Tensor]:  # fmt: skip
+        """What the first block gets, and the audio without what was not kept."""
+        if keep_audio is not None:
+            audio = torch.where(keep_audio[:, None, None], audio, self.null_audio)
+        if keep_condition is not None:
+            condition = torch.where(keep_condition[:, None, None], condition, self.null_condition)
+        return self.input(torch.cat([noisy, audio, condition], -1)), audio
+
     def _tau(self, tau: Tensor) -> Tensor:  # [B] -> [B, dim]
         return self.tau(embed_tau(tau, self.config.dim).to(self.output.weight.dtype))
 
@@ -212,9 +218,7 @@ class Denoiser(nn.Module):
         keep_condition: Tensor | None = None,  # [B] bool
         emotion: Tensor | None = None,  # [B, 2 sum(places)], see zero_conv.py
     ) -> Tensor:  # x0 [B, T, 256]
-        audio = _kept(audio, keep_audio, self.null_audio)
-        condition = _kept(condition, keep_condition, self.null_condition)
-        x = self.input(torch.cat([noisy, audio, condition], -1))
+        x, audio = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         positions = torch.arange(x.shape[1], device=x.device)
         lag = positions[:, None] - positions[None]
         mask = (lag >= 0) & (lag <= self.config.window) | (not self.config.causal)
@@ -238,9 +242,7 @@ class Denoiser(nn.Module):
     ) -> tuple[Tensor, State]:  # fmt: skip
         """Any number of new frames T, shapes as in `forward`; tau stays the same in a stream."""
         window = self.config.window
-        audio = _kept(audio, keep_audio, self.null_audio)
-        condition = _kept(condition, keep_condition, self.null_condition)
-        x = self.input(torch.cat([noisy, audio, condition], -1))
+        x, audio = self._inputs(noisy, audio, condition, keep_audio, keep_condition)
         time, frame = x.shape[1], state["frame"].to(x.device)
         positions = frame + torch.arange(-window, time, device=x.device)
         lag = positions[window:, None] - positions[None]

@@ -237,11 +237,12 @@ def _contact(g: Graph, x0: str, config: DenoiserConfig, weights: Weights) -> str
     gap = g.linear(x0, row, rest, exact=True)
     near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
     seen = g.op("Concat", gap, near, audio, axis=1)
-    listen, move = (
-        lambda x, n=n: g.linear(x, weights[f"{n}.weight"].T, weights[f"{n}.bias"], exact=True)
-        for n in ("contact.listen", "contact.move")
-    )
-    moved = g.op("Tanh", move(g.op("Relu", listen(seen))))
+
+    def layer(x: str, name: str) -> str:
+        weight, bias = (weights[f"contact.{name}.{part}"] for part in ("weight", "bias"))
+        return g.linear(x, weight.T, bias, exact=True)
+
+    moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
     return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
 
 

@@ -23,9 +23,6 @@ from encoder.training.diffusion import fold_gaze, load_denoiser
 from encoder.training.geometry import Face, contact_loss
 from encoder.training.streams import Streams
 
-# cards that name the student: where in them its hash stands
-FOLLOWERS = {"student_eyes": ("audio_model", "sha256"), "emotion": ("student_sha256",)}
-
 
 @dataclass(frozen=True, kw_only=True)
 class ContactConfig:
@@ -87,13 +84,14 @@ def losses(
     with torch.no_grad():
         x0 = student(torch.randn_like(codes), tau, audio, gaze)
     heard = (audio - scale[0]) / scale[1]
-    gaps = face.gaps(student.unstandardise(head(x0, heard))), face.gaps(codes)
+    moved = head(x0, heard)
+    gaps = face.gaps(student.unstandardise(moved)), face.gaps(codes)
     shown, wanted = (gap[..., 1].mean(-1) for gap in gaps)
     result = {
         "contact": contact_loss(*gaps),
         "gap": (shown - wanted).square().mean(),
         "spread": (shown.std(1) - wanted.std(1)).square().mean(),
-        "effort": head.moved_mm(x0, heard).square().mean(),
+        "effort": ((moved - x0) @ head.gap).square().mean(),
     }
     total = sum(getattr(config, f"{name}_weight") * value for name, value in result.items())
     return result | {"total": total}  # type: ignore[dict-item]
@@ -114,9 +112,8 @@ def run(config: ContactConfig, face: Face) -> dict[str, float]:
     streams = Streams.load(config.streams, face)
     tensors, card = checkpoint.load(config.student, "student")
     student = headless(load_denoiser(config.student, "student")[0])
+    head = new_head(student, face, config.hidden).to(config.run.device)
     fold_gaze(student, inverse=True).to(config.run.device).requires_grad_(False)
-    head = new_head(student.cpu(), face, config.hidden).to(config.run.device)
-    student.to(config.run.device)
     flat = torch.from_numpy(streams.features[:: max(len(streams.features) // 40, 1)]).float()
     scale = flat.mean((0, 1)), flat.std((0, 1)) + 1e-3
     there = scale[0].to(config.run.device), scale[1].to(config.run.device)
@@ -145,17 +142,15 @@ def run(config: ContactConfig, face: Face) -> dict[str, float]:
 def follow(student: Path, before: str, hidden: int) -> None:
     """Weights beside the student that extend it extend it still: only the head is new to them."""
     now = json.loads(student.with_suffix(".json").read_text())["sha256"]
-    for name, keys in FOLLOWERS.items():
-        path = student.with_name(f"{name}.json")
-        if not path.is_file():
+    for name in ("student_eyes", "emotion"):
+        path = student.with_name(name)
+        if not path.with_suffix(".json").is_file():
             continue
-        card = json.loads(path.read_text())
-        *way, last = keys
-        place = card
-        for key in way:
-            place = place.get(key, {})
-        if place.get(last) == before:
-            place[last] = now
-            if card["kind"] == "student":
+        card = json.loads(path.with_suffix(".json").read_text())
+        sees = name == "student_eyes"
+        named, key = (card.get("audio_model", {}), "sha256") if sees else (card, "student_sha256")
+        if named.get(key) == before:
+            named[key] = now
+            if sees:
                 card["config"]["contact"] = hidden
-            path.write_text(json.dumps(card, indent=1) + "\n")
+            checkpoint.write_card(path, card)
