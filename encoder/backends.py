@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder import onnx_graph
+from encoder import audio_graph, denoiser_graph, onnx_graph
 from encoder.alignment import lerp_place, lerp_ready
 from encoder.audio_encoder import AudioEncoder
 from encoder.denoiser import Denoiser
@@ -127,13 +127,13 @@ class OnnxBackend:
         self.stacked = int(tick) if tick.is_integer() else 0
         counts = {int(tick), -int(-tick // 1)}
         weights = {name: tensor.numpy() for name, tensor in encoder.state_dict().items()}
-        self.shapes = onnx_graph.audio_shapes(self.audio_config)
+        self.shapes = audio_graph.audio_shapes(self.audio_config)
         self.prior = weights.get("norms.0.prior")
         self.encoders = {
-            n: session(onnx_graph.audio_model(self.audio_config, weights, n, bits)) for n in counts
+            n: session(audio_graph.audio_model(self.audio_config, weights, n, bits)) for n in counts
         }
         weights = {name: tensor.numpy() for name, tensor in denoiser.state_dict().items()}
-        self.denoiser = session(onnx_graph.denoiser_model(self.config, weights, bits))
+        self.denoiser = session(denoiser_graph.denoiser_model(self.config, weights, bits))
         half = self.config.dim // self.config.heads // 2
         self.rates = 10_000.0 ** (-np.arange(half) / half)
         self.calm = np.zeros((1, 2 * sum(self.config.places)), np.float32)
