@@ -56,8 +56,9 @@ class Clip:
 def make_clip(camera: "NearEye", number: int, seconds: float) -> Clip:
     """Clip `number`: its own wearer, headset, sentence and motion."""
     from app.capture_face import lips
-    from encoder.capture.motion import Style, speech_curves
+    from encoder.capture.motion import speech_curves
     from encoder.capture.speech import speak_flite
+    from encoder.capture.style import Style
     from render import identity
     from render.near_eye_look import Look, varied
 

@@ -25,8 +25,8 @@ from encoder.capture.dataset import (
     read_shard,
 )
 from encoder.capture.emotion import LABELS
-from encoder.capture.motion import Style
 from encoder.capture.retold import retell, style_of
+from encoder.capture.style import Style
 from encoder.denoiser import Denoiser
 from encoder.evaluation import Floats, Segment, held_out_segments, noise
 from encoder.judging import CLOSING, FaceMesh

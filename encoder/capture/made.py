@@ -15,9 +15,10 @@ from encoder.capture.contacts import LipGeometry
 from encoder.capture.corpus import freeform, sentences
 from encoder.capture.dataset import Clip, make_clip
 from encoder.capture.languages import TEXTS
-from encoder.capture.motion import Style, frame_times, speech_curves, upper_face
+from encoder.capture.motion import frame_times, speech_curves, upper_face
 from encoder.capture.phones import PHONE_INDEX, Phone, Speech, pack_phones
 from encoder.capture.speech import Espeak
+from encoder.capture.style import Style
 from encoder.capture.voices import Voice, draw_voice, speak
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 

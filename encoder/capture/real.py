@@ -19,9 +19,10 @@ from encoder.capture.channels import JAW_OPEN
 from encoder.capture.contacts import LipGeometry
 from encoder.capture.livelink import read_livelink
 from encoder.capture.made import Speaker, Take, spoken_take, take
-from encoder.capture.motion import Style, upper_face
+from encoder.capture.motion import upper_face
 from encoder.capture.phones import Speech
 from encoder.capture.speech import Espeak
+from encoder.capture.style import Style
 from encoder.capture.voices import Voice
 from sensors.types import FPS, SAMPLE_RATE, InputError
 

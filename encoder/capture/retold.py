@@ -9,8 +9,9 @@ import numpy as np
 from encoder.capture.contacts import LipGeometry
 from encoder.capture.dataset import Clip
 from encoder.capture.emotion import LABELS
-from encoder.capture.motion import Motion, Style, speech_curves
+from encoder.capture.motion import Motion, speech_curves
 from encoder.capture.phones import unpack_phones
+from encoder.capture.style import Style
 from encoder.capture.voices import draw_voice
 
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from encoder.capture.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES, SPEECH_COLUMNS
 from encoder.capture.dataset import Clip
-from encoder.capture.motion import Style, frame_times, loudness, speech_curves
+from encoder.capture.motion import frame_times, loudness, speech_curves
 from encoder.capture.phones import LIP_CLOSING, PHONES, TEETH_TOUCHING, Phone
+from encoder.capture.style import Style
 from sensors.types import FPS, SAMPLE_RATE
 
 BLINK = RIG_INDEX["eyeBlink_L"]

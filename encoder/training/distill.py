@@ -29,6 +29,7 @@ from encoder.training.diffusion import (
 )
 from encoder.training.geometry import Face
 from encoder.training.streams import Streams
+from encoder.training.timesteps import LAST_PHASE, draw_tau, phase_at
 from encoder.training.whitening import Whitening
 
 
@@ -82,35 +83,6 @@ PRESETS: dict[str, dict[str, Any]] = {
         "geometry_of": "face",
     },
 }
-NUM_MODES = 40  # K: Gaussians in pi, one a DDIM step of the paper
-SPREAD = 0.5**0.5 / NUM_MODES**2
-# beta of the modes at tau / N = 0.25, 0.5, 0.75, 1; all others have none
-_PHASES = (
-    (0.25, 0.25, 0.25, 0.25),
-    (0.2, 0.2, 0.25, 0.35),
-    (0.1, 0.15, 0.25, 0.5),
-    (0.0, 0.05, 0.15, 0.8),
-    (0.0, 0.0, 0.0, 1.0),
-)
-
-
-def beta(phase: int) -> np.ndarray:
-    """[K] weights of the Gaussians with means i / K, i = 1..K, after `phase` of four updates."""
-    weights = np.zeros(NUM_MODES)
-    quarter = NUM_MODES // 4
-    weights[quarter - 1 :: quarter] = _PHASES[phase]
-    return weights
-
-
-def draw_tau(phase: int, num_steps: int, rng: np.random.Generator) -> int:
-    """One tau from pi."""
-    mean = (rng.choice(NUM_MODES, p=beta(phase)) + 1) / NUM_MODES
-    return int(np.clip(round(rng.normal(mean, SPREAD) * num_steps), 1, num_steps))
-
-
-def phase_at(step: int, config: DistillConfig) -> int:
-    """How often beta was updated before this step."""
-    return min(int(step / max(config.update_share * config.steps, 1)), len(_PHASES) - 1)
 
 
 @torch.no_grad()
@@ -186,7 +158,10 @@ class Pools:
         self.samples: list[Sample] = []
 
     def at(self, step: int, rng: np.random.Generator) -> Sample:
-        key = (phase_at(step, self.config), step // (self.config.pool * self.config.reuse))
+        key = (
+            phase_at(step, self.config.steps, self.config.update_share),
+            step // (self.config.pool * self.config.reuse),
+        )
         if key != self.key:
             self.key, self.samples = key, list(self._make(*key))
         return self.samples[rng.integers(len(self.samples))]
@@ -258,7 +233,8 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
     without_dmd = config if config.dmd_to_end else replace(config, dmd_weight=0.0)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        now = config if phase_at(step, config) < len(_PHASES) - 1 else without_dmd
+        phase = phase_at(step, config.steps, config.update_share)
+        now = config if phase < LAST_PHASE else without_dmd
         return forward(student, teacher, pools.at(step, rng), schedule, face, now)
 
     metrics, curve = loop.train(

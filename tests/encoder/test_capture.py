@@ -10,6 +10,7 @@ from encoder.capture.contacts import LipGeometry
 from encoder.capture.corpus import freeform, sentences, split_of
 from encoder.capture.phones import pack_phones, unpack_phones
 from encoder.capture.speech import Espeak, Phone, speak_flite
+from encoder.capture.style import Style
 from sensors.types import SAMPLE_RATE, InputError
 
 needs_flite = pytest.mark.skipif(not shutil.which("flite"), reason="flite is not installed")
@@ -46,7 +47,7 @@ def test_channels_follow_arkit_names():
 @pytest.mark.parametrize("closing", ["p", "b", "m"])
 def test_closures_shut_the_lips_between_open_vowels(closing):
     phones, audio = spoken(["aa", closing, "aa"])
-    rig = motion.speech_curves(phones, audio, motion.Style(), np.random.default_rng(0)).rig
+    rig = motion.speech_curves(phones, audio, Style(), np.random.default_rng(0)).rig
     gap, times = opening_mm(rig), motion.frame_times(len(rig))
     during = gap[(times > 0.62) & (times < 0.74)]
     assert during.min() < 0.8
@@ -58,7 +59,7 @@ def test_closures_shut_the_lips_between_open_vowels(closing):
 def test_a_short_vowel_between_contacts_opens_the_mouth(first, last):
     phones, audio = spoken(["aa", first, "ae", last, "aa"], 0.07)
     rng = np.random.default_rng(0)
-    rig = motion.speech_curves(phones, audio, motion.Style(), rng, lips=opening_lips()).rig
+    rig = motion.speech_curves(phones, audio, Style(), rng, lips=opening_lips()).rig
     times = motion.frame_times(len(rig))
     vowel = (times > phones[3].start) & (times < phones[3].end)
     assert opening_lips().gap_mm(rig[vowel]).max() > 2.5
@@ -66,7 +67,7 @@ def test_a_short_vowel_between_contacts_opens_the_mouth(first, last):
 
 def test_silence_rests_the_mouth_exactly():
     phones, audio = spoken(["ae", "t"])
-    rig, gaze, _ = motion.speech_curves(phones, audio, motion.Style(), np.random.default_rng(1))
+    rig, gaze, _ = motion.speech_curves(phones, audio, Style(), np.random.default_rng(1))
     times = motion.frame_times(len(rig))
     quiet = (times < 0.39) | (times > 0.5 + 2 * 0.12 + 0.17)
     assert quiet.sum() > 15
@@ -77,7 +78,7 @@ def test_silence_rests_the_mouth_exactly():
 
 def test_mouth_does_not_lead_the_sound_by_more_than_100_ms():
     phones, audio = spoken(["aa", "aa"])
-    rig = motion.speech_curves(phones, audio, motion.Style(), np.random.default_rng(1)).rig
+    rig = motion.speech_curves(phones, audio, Style(), np.random.default_rng(1)).rig
     times = motion.frame_times(len(rig))
     assert not rig[times < 0.4, channels.JAW_OPEN].any()
 
@@ -202,9 +203,7 @@ def opening_lips() -> LipGeometry:
 def test_no_emotion_reopens_a_closure(emotion):
     phones, audio = spoken(["aa", "m", "aa", "p", "ow"])
     rng, lips = np.random.default_rng(2), opening_lips()
-    rig = motion.speech_curves(
-        phones, audio, motion.Style.draw(rng), rng, lips=lips, emotion=emotion
-    ).rig
+    rig = motion.speech_curves(phones, audio, Style.draw(rng), rng, lips=lips, emotion=emotion).rig
     gap, times = lips.gap_mm(rig), motion.frame_times(len(rig))
     for phone in (phones[2], phones[4]):
         during = (times > phone.start - 0.05) & (times < phone.end)

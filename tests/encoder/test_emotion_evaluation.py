@@ -12,9 +12,9 @@ from encoder import emotion_evaluation as judging
 from encoder.capture import dataset
 from encoder.capture.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
 from encoder.capture.emotion import EMOTIONS, LABELS
-from encoder.capture.motion import Style
 from encoder.capture.phones import PHONE_INDEX, Phone, pack_phones
 from encoder.capture.retold import retell
+from encoder.capture.style import Style
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.judging import FaceMesh
 from encoder.metrics import LipMarks

@@ -17,7 +17,7 @@ from encoder.capture.channels import RIG_INDEX, SPEECH_COLUMNS
 from encoder.denoiser import PRESETS, Denoiser
 from encoder.eye_tracker import FADE_FRAMES, HOLD_FRAMES
 from encoder.inference import load_student
-from encoder.training import loop, multimodal
+from encoder.training import eye_streams, loop, multimodal
 from encoder.training.diffusion import fold_gaze, load_denoiser
 from encoder.training.geometry import Face
 from sensors.types import InputError
@@ -75,8 +75,8 @@ def config(folder: Path, out: Path) -> multimodal.MultimodalConfig:
     )  # fmt: skip
 
 
-def eye_streams(folder: Path, lost: float) -> multimodal.EyeStreams:
-    return multimodal.EyeStreams(folder / "streams.npz", face(), net(), lost)
+def streams_of(folder: Path, lost: float) -> eye_streams.EyeStreams:
+    return eye_streams.EyeStreams(folder / "streams.npz", face(), net(), lost)
 
 
 def test_stage_writes_a_model_of_eyes_and_resumes(folder: Path, tmp_path: Path) -> None:
@@ -105,7 +105,7 @@ def test_only_what_was_learned_is_written(folder: Path, tmp_path: Path) -> None:
 
 
 def test_batches_match_their_truth(folder: Path) -> None:
-    streams = eye_streams(folder, lost=0.0)
+    streams = streams_of(folder, lost=0.0)
     batch = streams.draw(3, 60, np.random.default_rng(0))
     assert batch.e.shape == (3, 60, 160) and batch.e.abs().max() <= 1
     assert batch.audio.shape == (3, 60, 512) and batch.codes.shape == (3, 60, 256)
@@ -130,8 +130,8 @@ def test_features_are_those_of_each_eye_as_its_cameras_are_lost(
     def e(*gone: bool) -> torch.Tensor:  # [50, 2, 80]
         answers = iter(gone)
         lost = lambda frames, *_: torch.full((frames,), next(answers))  # noqa: E731
-        monkeypatch.setattr(multimodal, "_lost_frames", lost)
-        rows = multimodal.synthesised(made, gaze, rig, 0.3, np.random.default_rng(0))
+        monkeypatch.setattr(eye_streams, "_lost_frames", lost)
+        rows = eye_streams.synthesised(made, gaze, rig, 0.3, np.random.default_rng(0))
         return rows[0].unflatten(-1, (2, 80))
 
     made.subject_spread, made.frame_spread = steady, steady
@@ -159,14 +159,14 @@ def test_features_are_those_of_each_eye_as_its_cameras_are_lost(
 def test_eyes_are_lost_as_often_as_asked() -> None:
     rng = np.random.default_rng(0)
     share = [
-        float(multimodal._lost_frames(100, c, rng).any()) for c in (0.0, 0.5) for _ in range(200)
+        float(eye_streams._lost_frames(100, c, rng).any()) for c in (0.0, 0.5) for _ in range(200)
     ]
     assert np.mean(share[:200]) == 0 and 0.3 < np.mean(share[200:]) < 0.6
 
 
 def test_grown_model_starts_as_the_audio_model(folder: Path) -> None:
     """With the features that a gaze gives it says nearly what the gaze model said."""
-    streams = eye_streams(folder, lost=0.0)
+    streams = streams_of(folder, lost=0.0)
     audio_model, _ = load_denoiser(folder / "student", "student")
     fold_gaze(audio_model, inverse=True)
     model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
@@ -194,7 +194,7 @@ def test_the_mouths_target_is_what_was_heard_and_the_upper_face_the_truth(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Another truth of the mouth moves the loss as little as its share says."""
-    streams, settings = eye_streams(folder, lost=0.0), config(folder, folder)
+    streams, settings = streams_of(folder, lost=0.0), config(folder, folder)
     audio_model, _ = load_denoiser(folder / "student", "student")
     fold_gaze(audio_model, inverse=True).requires_grad_(False)
     model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
@@ -203,7 +203,7 @@ def test_the_mouths_target_is_what_was_heard_and_the_upper_face_the_truth(
     other = batch._replace(codes=batch.codes + moved @ torch.from_numpy(TO_CODE))
     halves = multimodal.Halves(face())
 
-    def loss(row: multimodal.Batch, share: float) -> float:
+    def loss(row: eye_streams.Batch, share: float) -> float:
         monkeypatch.setattr(multimodal, "MOUTH_TRUTH", share)
         torch.manual_seed(0)
         return float(
@@ -223,7 +223,7 @@ def test_distance_is_of_the_upper_face_alone_and_not_squared(folder: Path) -> No
     assert brow == pytest.approx(float(face().vertices(off[:, 1]).norm(dim=-1).mean()), rel=0.01)
     twice = multimodal.upper_distance(2 * off, halves, face())[0, 1]
     assert float(twice) == pytest.approx(2 * brow, rel=0.01)
-    streams, settings = eye_streams(folder, lost=0.0), config(folder, folder)
+    streams, settings = streams_of(folder, lost=0.0), config(folder, folder)
     audio_model, _ = load_denoiser(folder / "student", "student")
     fold_gaze(audio_model, inverse=True).requires_grad_(False)
     model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
@@ -237,20 +237,20 @@ def test_lost_eyes_hold_then_fade_to_the_other() -> None:
     own = torch.arange(60.0)[:, None].repeat(1, 80)
     other, gone = own + 1000, torch.zeros(60, dtype=torch.bool)
     gone[20:45] = True
-    row = multimodal._switched(own, other, gone)[:, 0]
+    row = eye_streams._switched(own, other, gone)[:, 0]
     assert torch.equal(row[:20], own[:20, 0])
     assert (row[20 : 20 + HOLD_FRAMES] == 19).all()
     settled = 20 + HOLD_FRAMES + FADE_FRAMES - 1
     assert torch.equal(row[settled:45], other[settled:45, 0])
     assert torch.equal(row[45 + FADE_FRAMES - 1 :], own[45 + FADE_FRAMES - 1 :, 0])
     assert row.diff().abs().max() < 1000 / FADE_FRAMES + 10
-    every = multimodal._switched(own, other, torch.ones(60, dtype=torch.bool))
+    every = eye_streams._switched(own, other, torch.ones(60, dtype=torch.bool))
     assert torch.equal(every, other)
 
 
 def test_loss_falls(folder: Path) -> None:
     torch.manual_seed(0)
-    streams = eye_streams(folder, lost=0.2)
+    streams = streams_of(folder, lost=0.2)
     audio_model, _ = load_denoiser(folder / "student", "student")
     fold_gaze(audio_model, inverse=True).requires_grad_(False)
     model = multimodal.grown(audio_model, streams, np.random.default_rng(0))
