@@ -29,7 +29,7 @@ from encoder.training.diffusion import (
 )
 from encoder.training.geometry import Face
 from encoder.training.streams import Streams
-from encoder.training.timesteps import LAST_PHASE, draw_tau, phase_at
+from encoder.training.timesteps import LAST_PHASE, draw_tau
 from encoder.training.whitening import Whitening
 
 
@@ -83,6 +83,11 @@ PRESETS: dict[str, dict[str, Any]] = {
         "geometry_of": "face",
     },
 }
+
+
+def phase_at(step: int, config: DistillConfig) -> int:
+    """How often beta was updated before this step."""
+    return min(int(step / max(config.update_share * config.steps, 1)), LAST_PHASE)
 
 
 @torch.no_grad()
@@ -158,10 +163,7 @@ class Pools:
         self.samples: list[Sample] = []
 
     def at(self, step: int, rng: np.random.Generator) -> Sample:
-        key = (
-            phase_at(step, self.config.steps, self.config.update_share),
-            step // (self.config.pool * self.config.reuse),
-        )
+        key = (phase_at(step, self.config), step // (self.config.pool * self.config.reuse))
         if key != self.key:
             self.key, self.samples = key, list(self._make(*key))
         return self.samples[rng.integers(len(self.samples))]
@@ -233,8 +235,7 @@ def run(config: DistillConfig, face: Face) -> dict[str, float]:
     without_dmd = config if config.dmd_to_end else replace(config, dmd_weight=0.0)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
-        phase = phase_at(step, config.steps, config.update_share)
-        now = config if phase < LAST_PHASE else without_dmd
+        now = config if phase_at(step, config) < LAST_PHASE else without_dmd
         return forward(student, teacher, pools.at(step, rng), schedule, face, now)
 
     metrics, curve = loop.train(

@@ -15,8 +15,6 @@ _PHASES = (
     (0.0, 0.05, 0.15, 0.8),
     (0.0, 0.0, 0.0, 1.0),
 )
-
-
 LAST_PHASE = len(_PHASES) - 1
 
 
@@ -32,8 +30,3 @@ def draw_tau(phase: int, num_steps: int, rng: np.random.Generator) -> int:
     """One tau from pi."""
     mean = (rng.choice(NUM_MODES, p=beta(phase)) + 1) / NUM_MODES
     return int(np.clip(round(rng.normal(mean, SPREAD) * num_steps), 1, num_steps))
-
-
-def phase_at(step: int, steps: int, update_share: float) -> int:
-    """How often beta was updated before this step of `steps`."""
-    return min(int(step / max(update_share * steps, 1)), LAST_PHASE)
