@@ -4,7 +4,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from app.train import Train
-    from encoder.training.emotion import EmotionFace
     from encoder.training.loop import Run
 
 # region: every n-th vertex, and the weight of one
@@ -12,16 +11,6 @@ FACE_VERTICES = {
     "narrow_face": (24, 1.0), "upper_face": (24, 1.0), "brows": (12, 2.0), "eyelids": (10, 2.0),
     "lips": (6, 16.0),
 }  # fmt: skip
-LIP_VERTICES = {"lips": (6, 1.0)}
-
-
-def emotion_face() -> "EmotionFace":
-    """The frozen decoder: the whole face, the lips, and the gaps between the inner lips."""
-    from app.training import face
-    from encoder.training.emotion import EmotionFace
-
-    lips = face(LIP_VERTICES)
-    return EmotionFace(face(FACE_VERTICES), lips, lips.gaps)
 
 
 def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) -> None:
@@ -31,6 +20,7 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
     some: so those of one student become another's in a third of the steps.
     """
     from app.capture_face import lips
+    from app.training import face
     from encoder.inference import STUDENTS, WEIGHTS
     from encoder.training import emotion, emotion_streams, streams
 
@@ -56,4 +46,4 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
         run=run,
         **settings,
     )
-    emotion.run(config, emotion_face())
+    emotion.run(config, face(FACE_VERTICES))

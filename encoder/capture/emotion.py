@@ -101,15 +101,6 @@ def layer(
     return curves, 1 + strength * (emotion.mouth - 1)
 
 
-def rigs() -> np.ndarray:
-    """[labels, 53]: the channels of each of LABELS at full strength, over a face at rest."""
-    result = np.zeros((len(LABELS), len(RIG_NAMES)), np.float32)
-    for row, name in zip(result, LABELS, strict=True):
-        for channel, weight in EMOTIONS[name].channels.items():
-            row[_sides(channel)] = weight
-    return result
-
-
 def _sides(channel: str) -> list[int]:
     """The rig's column of a channel, or those of its left and right side."""
     names = [channel] if channel in RIG_INDEX else [f"{channel}_L", f"{channel}_R"]

@@ -75,20 +75,30 @@ def spread_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
     return ((spreads[0] - spreads[1]).square() * weights.to(predicted)).mean()
 
 
+def closeness(gaps: Tensor) -> Tensor:  # [B, T, P, 3] mm -> [B, T]
+    """1 where lips touch, 0 where they are wide open."""
+    return torch.exp(-gaps[..., 1].mean(-1).abs() / NEAR_MM)
+
+
+def closest(gaps: Tensor) -> Tensor:  # [B, T, P, 3] mm -> [B, T]
+    """How near the lips come within NEAR_FRAMES."""
+    return functional.max_pool1d(closeness(gaps), 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES)
+
+
 def contact_loss(predicted: Tensor, truth: Tensor) -> Tensor:
     """Gaps of the inner lips [B, T, P, 3] mm -> how far shut lips are missed, 0..1 (not paper).
 
     A squared error of the codes settles for half open lips wherever a closure is likely but not
-    sure, and when it comes is never sure. So closeness, 1 where lips touch and 0 where they are
-    wide open, is compared as the nearest within NEAR_FRAMES: a closure two frames late is one. Lips
-    that are open in either are left alone, and with them the mean opening. (A distance of the gaps,
-    nine times heavier where they are shut, made free speech open by 3.4 mm instead of 5.4.)
+    sure, and when it comes is never sure. So closeness is compared as the nearest within
+    NEAR_FRAMES: a closure two frames late is one. Lips that are open in either are left alone, and
+    with them the mean opening. (A distance of the gaps, nine times heavier where they are shut,
+    made free speech open by 3.4 mm instead of 5.4.)
     Lips at rest stay where they are: theirs is a distance, not squared, or they wander.
     """
-    near = [torch.exp(-gaps[..., 1].mean(-1).abs() / NEAR_MM) for gaps in (predicted, truth)]
-    closest = [functional.max_pool1d(x, 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES) for x in near]
-    missed = (closest[0] - closest[1]).square() * (1 + SHUT_WEIGHT * closest[1])
-    resting = -functional.max_pool1d(-near[1], 2 * REST_FRAMES + 1, 1, REST_FRAMES) > 0.5
+    shut, wanted = closest(predicted), closest(truth)
+    missed = (shut - wanted).square() * (1 + SHUT_WEIGHT * wanted)
+    near = closeness(truth)
+    resting = -functional.max_pool1d(-near, 2 * REST_FRAMES + 1, 1, REST_FRAMES) > 0.5
     distance = ((predicted - truth).square().sum(-1) + 1e-4).sqrt() - 1e-2
     wandered = distance.mean(-1) * resting
     return missed.mean() + REST_WEIGHT * wandered.mean()
