@@ -24,7 +24,7 @@ from encoder.training.geometry import Face, closest
 from encoder.zero_conv import ZeroConvConfig, ZeroConvs
 from sensors.types import InputError
 
-KEPT_WEIGHT = 300.0  # mm^2: closures are rare, and a hair's breadth undoes them
+KEPT_WEIGHT = 120.0  # mm^2: closures are rare, and a hair's breadth undoes them
 CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
