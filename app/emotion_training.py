@@ -20,7 +20,7 @@ def run_emotion_stage(command: "Train", run: "Run", settings: dict[str, Any]) ->
     some: so those of one student become another's in a third of the steps.
     """
     from app.capture_face import lips
-    from app.training import face
+    from app.training_face import face
     from encoder.inference import STUDENTS, WEIGHTS
     from encoder.training import emotion, emotion_streams, streams
 

@@ -47,7 +47,7 @@ def run_eye_stage(command: "Train", run: "Run") -> None:
         )
         eyes.run(config)
     else:
-        from app.training import face
+        from app.training_face import face
         from encoder.training import multimodal
 
         config = multimodal.preset(

@@ -1,29 +1,15 @@
-"""The encoder's training stages with what they need of the decoder (DESIGN 2).
-
-`encoder` never imports `render`: the map from rig to code and the vertices that the geometry
-losses look at are handed over from here. Every ablation of the paper is one row of VARIANTS.
-"""
+"""The encoder's training stages. Every ablation of the paper is one row of VARIANTS."""
 
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from sensors.types import InputError
 
 if TYPE_CHECKING:
-    from torch import Tensor
-
     from app.train import Train
-    from encoder.training.geometry import Face
     from encoder.training.loop import Run
 
-# region: every n-th vertex, and the weight of one in the geometry losses (w_i of the paper)
-LOSS_VERTICES = {
-    "lips": (8, 3.0), "eyelids": (16, 1.0), "brows": (40, 0.5), "upper_face": (80, 0.5)
-}  # fmt: skip
 # variant: settings of each stage that it changes
 VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
@@ -40,64 +26,6 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "fine-tune": {"emotion": {"fine_tune": True, "rate": 5e-4}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
-
-
-def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
-    """The frozen decoder as the losses see it; a vertex is measured from its place at rest."""
-    import torch
-
-    from encoder.capture.channels import SPEECH_COLUMNS
-    from encoder.training.geometry import Face
-    from render.decoder import Decoder
-
-    decoder = Decoder.load()
-    weights: dict[int, float] = {}
-    for region, (every, weight) in regions.items():
-        for vertex in decoder.regions[region][::every].tolist():
-            weights[vertex] = max(weight, weights.get(vertex, 0.0))
-    chosen = np.array(sorted(weights))
-    rows = (chosen[:, None] * 3 + np.arange(3)).ravel()
-    dense = np.asarray(decoder.basis[rows].todense(), np.float32)  # [V * 3, 53]
-    to_code, to_vertices = decoder.to_code, torch.from_numpy(decoder.to_rig @ dense.T)
-    speech = list(SPEECH_COLUMNS)
-    to_mouth = torch.from_numpy(decoder.to_rig[:, speech] @ to_code[speech])  # [256, 256]
-
-    def rig_to_code(rig: np.ndarray) -> np.ndarray:
-        return rig.astype(np.float32) @ to_code
-
-    def vertices(codes: "Tensor") -> "Tensor":
-        # in full precision: a third difference of halves would be noise
-        with torch.autocast(codes.device.type, enabled=False):
-            flat = codes.float() @ to_vertices.to(codes.device)
-        return flat.reshape(*codes.shape[:-1], -1, 3)
-
-    def mouth(codes: "Tensor") -> "Tensor":
-        return codes.float() @ to_mouth.to(codes.device)
-
-    scale = torch.tensor([weights[int(v)] for v in chosen])
-    return Face(rig_to_code, vertices, scale / scale.mean(), lip_gaps(), mouth)
-
-
-def lip_gaps() -> "Callable[[Tensor], Tensor]":
-    """Codes [B, T, 256] -> [B, T, P, 3] mm: each pair of the inner lips against its gap at rest."""
-    import torch
-
-    from app.face_mesh import face_mesh
-    from render.decoder import Decoder
-
-    decoder = Decoder.load()
-    pairs = decoder.regions["lips"][face_mesh("ben").marks.pairs]  # [P, 2] vertices
-    rows = (pairs[..., None].astype(np.int64) * 3 + np.arange(3)).reshape(-1)
-    basis = np.asarray(decoder.basis[rows].todense(), np.float32).reshape(*pairs.shape, 3, -1)
-    moved = (basis[:, 0] - basis[:, 1]).reshape(-1, basis.shape[-1])  # [P * 3, 53]
-    to_gaps = torch.from_numpy(decoder.to_rig @ moved.T)
-
-    def gaps(codes: "Tensor") -> "Tensor":
-        with torch.autocast(codes.device.type, enabled=False):
-            flat = codes.float() @ to_gaps.to(codes.device)
-        return flat.reshape(*codes.shape[:-1], -1, 3)
-
-    return gaps
 
 
 def run_stage(command: "Train") -> None:
@@ -140,6 +68,7 @@ def run_stage(command: "Train") -> None:
 
 
 def _run_motion(command: "Train", folder: Path, run: "Run", settings: dict[str, Any]) -> None:
+    from app.training_face import face
     from encoder.training import contact, diffusion, distill
 
     streams = _streams(command, folder)

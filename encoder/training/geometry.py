@@ -27,6 +27,7 @@ class Face:
     vertices: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, V, 3] mm
     weights: Tensor  # [V], mean 1: w_i of the paper, larger for the mouth
     gaps: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, P, 3] mm between the inner lips
+    spans: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, 2] mm, corners and centres
     mouth: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> their part that moves the mouth
 
 

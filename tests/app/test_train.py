@@ -6,9 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
+from app.face_mesh import face_mesh
 from app.train import Train
-from app.training import VARIANTS, face
+from app.training import VARIANTS
+from app.training_face import face
 from encoder.capture import dataset
 from encoder.capture.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
 from sensors.types import InputError
@@ -89,8 +92,6 @@ def test_starting_from_other_shapes_is_an_error(data):
 
 
 def test_the_losses_see_the_decoder(data):
-    import torch
-
     decoder = face()
     rig = np.zeros((1, 2, len(RIG_NAMES)), np.float32)
     rig[0, 1, JAW_OPEN] = 0.5
@@ -102,3 +103,13 @@ def test_the_losses_see_the_decoder(data):
     blinking[..., RIG_INDEX["eyeBlink_L"]] = 1.0
     jaw, both = (torch.tensor(decoder.rig_to_code(x)) for x in (rig, blinking))
     torch.testing.assert_close(decoder.mouth(both), jaw, atol=1e-3, rtol=0)
+
+
+def test_lip_sync_is_the_mean_error_of_the_spans():
+    decoder, mesh = face(), face_mesh("ben")
+    rig = np.random.default_rng(0).uniform(0, 0.5, (2, 20, len(RIG_NAMES)))
+    shown, truth = decoder.rig_to_code(rig)
+    spans = (decoder.spans(torch.tensor(x)[None]) for x in (shown, truth))
+    error = float((next(spans) - next(spans)).abs().sum(-1).mean())
+    judged = mesh.marks.sync_error_mm(mesh.lips(shown), mesh.lips(truth))
+    assert error == pytest.approx(judged, rel=1e-4) and judged > 1

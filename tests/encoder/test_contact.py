@@ -29,7 +29,10 @@ def gaps(codes: torch.Tensor) -> torch.Tensor:  # one pair of lips, apart along 
     return torch.stack([0 * y, y, 0 * y], -1)[..., None, :]
 
 
-FACE = Face(lambda rig: rig @ TO_CODE, gaps, torch.ones(1), gaps, lambda codes: codes)
+FACE = Face(
+    lambda rig: rig @ TO_CODE, gaps, torch.ones(1), gaps,
+    lambda codes: gaps(codes)[..., 0, 1:2], lambda codes: codes,
+)  # fmt: skip
 
 
 def student() -> Denoiser:

@@ -40,7 +40,11 @@ def face(channels: list[int]) -> Face:
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
         return (rig @ BASIS).astype(np.float32)
 
-    return Face(rig_to_code, vertices, torch.ones(len(channels)), vertices, lambda codes: codes)
+    def spans(codes: torch.Tensor) -> torch.Tensor:
+        return vertices(codes)[..., :2, 1]
+
+    weights = torch.ones(len(channels))
+    return Face(rig_to_code, vertices, weights, vertices, spans, lambda codes: codes)
 
 
 SMILE = RIG_INDEX["mouthSmile_L"]
@@ -132,21 +136,32 @@ def gaps(*shut: int) -> torch.Tensor:  # [1, 40, 1, 3] mm
     return result
 
 
-def test_l_lip_asks_for_the_truths_lips() -> None:
+def lip_loss(ours: torch.Tensor, neutral: torch.Tensor, truth: torch.Tensor) -> float:
+    """Of lips that only open and shut: their gap is the span of the centres."""
+    corners = torch.full((1, 40), 50.0)
+    shown, true = (torch.stack([corners, x[..., 0, 1]], -1) for x in (ours, truth))
+    return float(emotion.lip_loss(shown, true, ours, neutral, truth))
+
+
+def test_l_lip_is_the_error_of_both_spans() -> None:
     never, once = gaps(), gaps(20)
     for neutral in (never, once, gaps(5)):
-        assert emotion.lip_loss(once, neutral, once) == 0
-        assert emotion.lip_loss(once + 1, neutral, once) >= 3
-    assert emotion.lip_loss(once, never, never) > 0.5  # a false closure
+        assert lip_loss(once, neutral, once) == 0
+    assert lip_loss(never + 1, never, never) == pytest.approx(1, rel=1e-3)
+    assert lip_loss(once, never, never) == pytest.approx(6 / 40, rel=1e-3)  # a false closure
+    broad = torch.tensor([52.0, 7.0]).expand(1, 40, 2)
+    true = torch.tensor([50.0, 6.0]).expand(1, 40, 2)
+    assert emotion.lip_loss(broad, true, never, never, never) == pytest.approx(3)
 
 
 def test_a_closure_that_the_neutral_model_has_right_weighs_most() -> None:
     never, once, late = gaps(), gaps(20), gaps(22)
-    missed, lost = (emotion.lip_loss(never, neutral, once) for neutral in (never, once))
+    missed, lost = (lip_loss(never, neutral, once) for neutral in (never, once))
     assert lost > 3 * missed
-    assert emotion.lip_loss(late, once, once) < 0.6 * lost  # two frames late is most of one
-    assert emotion.lip_loss(never, gaps(5), once) == missed  # what it has wrong is not asked for
-    assert emotion.lip_loss(never, gaps(5), never) == 0
+    late_lost = lip_loss(late, once, once) - lip_loss(late, gaps(5), once)
+    assert late_lost < 0.6 * (lost - missed)  # two frames late is most of one
+    assert lip_loss(never, gaps(5), once) == missed  # what it has wrong is not asked for
+    assert lip_loss(never, gaps(5), never) == 0
 
 
 def test_only_the_zero_convolutions_learn() -> None:

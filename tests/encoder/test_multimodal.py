@@ -33,6 +33,7 @@ def face() -> Face:
         lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
         torch.ones(4),
         lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
+        lambda codes: codes[..., :2],
         lambda codes: codes,
     )
 

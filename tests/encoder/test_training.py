@@ -32,7 +32,10 @@ def mouth(codes: torch.Tensor) -> torch.Tensor:
     return torch.cat([codes[..., :128], torch.zeros_like(codes[..., 128:])], -1)
 
 
-FACE = Face(lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices, mouth)
+FACE = Face(
+    lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices,
+    lambda codes: codes[..., :2], mouth,
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")
