@@ -72,7 +72,7 @@ def lip_loss(
     The spans' error is the paper's measure of lip sync, |corners| + |centres|. Where the neutral
     model shuts the lips and is right, ours shut them within two frames; where it is wrong nothing
     is kept. (A squared error of the gaps instead: the mean of what may come next is further from
-    each of it than the median, and the lips stood 5 % further from the truth.)
+    each of it than the median, and the lips stood a tenth further from rule-made truth.)
     """
     sync = (shown - truth).abs().sum(-1).mean()
     right = torch.minimum(closest(neutral_gaps), closest(true_gaps))
