@@ -71,7 +71,8 @@ def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Told]:
     result = []
     for index in sorted(chosen):
         rig = found[index].rig
-        rows = [felt(rig, label, 1.0, lips, np.random.default_rng(seed)) for label in LABELS]
+        # each a draw of its own: one smile for all of them is one smile's luck
+        rows = [felt(rig, k, 1.0, lips, np.random.default_rng([seed, index])) for k in LABELS]
         result.append(Told(found[index], np.stack([rig, *rows])))
     return result
 

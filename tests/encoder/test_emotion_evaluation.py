@@ -74,6 +74,10 @@ def test_real_voices_are_judged_over_as_many_frames_as_the_shortest_has(tmp_path
     told = judging.tracked(tmp_path, lip_geometry(), 5, 0)
     assert [t.rigs.shape for t in told] == [(1 + len(LABELS), 89, 53)] * 4
     assert [len(t.segment.gaze) for t in told] == [89] * 4
+    smiles = [t.rigs[1:] for t in told]  # over the same motion, each drawn anew
+    assert all(np.abs(one - smiles[0]).max() > 0.01 for one in smiles[1:])
+    again = judging.tracked(tmp_path, lip_geometry(), 5, 0)
+    assert np.array_equal(again[3].rigs, told[3].rigs)
 
 
 def region(codes: np.ndarray) -> np.ndarray:
