@@ -78,9 +78,7 @@ class Judgement:
         members = {"upper": sets["upper_face"], "lower": lower}
 
         def moved(chosen: Floats) -> Callable[[Floats], Floats]:
-            rows = (chosen[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
-            dense = np.asarray(self.decoder.basis[rows].todense(), np.float32)
-            linear = self.decoder.to_rig @ dense.T
+            linear = self.decoder.moves(chosen)
             return lambda codes: (codes @ linear).reshape(*codes.shape[:-1], -1, 3)
 
         halves = {name: v[:: EVERY[name]] for name, v in members.items()}

@@ -21,9 +21,7 @@ def face_mesh(avatar: str) -> "FaceMesh":
     blinks = [decoder.rig_names.index(f"eyeBlink_{side}") for side in "LR"]
 
     def moving(members: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
-        rows = (members[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
-        dense = np.asarray(decoder.basis[rows].todense(), np.float32)
-        linear, rest = decoder.to_rig @ dense.T, who.geometry[members]
+        linear, rest = decoder.moves(members), who.geometry[members]
 
         def vertices(codes: np.ndarray) -> np.ndarray:
             return (codes @ linear).reshape(*codes.shape[:-1], -1, 3) + rest

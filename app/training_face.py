@@ -5,7 +5,7 @@ but for the lips' spans, which are lengths.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +13,6 @@ if TYPE_CHECKING:
     from torch import Tensor
 
     from encoder.training.geometry import Face
-    from render.decoder import Decoder
 
 # region: every n-th vertex, and the weight of one in the geometry losses (w_i of the paper)
 LOSS_VERTICES = {
@@ -41,7 +40,11 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
     ends = np.array([mesh.marks.corners, mesh.marks.centres])  # [2, 2] lip vertices
     lips = mesh.lips(np.zeros((1, len(to_mouth)), np.float32))[0]
     at_rest = torch.from_numpy((lips[ends[:, 0]] - lips[ends[:, 1]]).astype(np.float32))
-    vertices, apart = _moved(decoder, _rows(decoder, chosen)), _between(decoder, ends)
+
+    def between(pairs: np.ndarray) -> "Callable[[Tensor], Tensor]":
+        """Codes [B, T, 256] -> [B, T, P, 3] mm: pairs of lip vertices, against the same at rest."""
+        one, other = (decoder.moves(decoder.regions["lips"][pairs[:, i]]) for i in (0, 1))
+        return _moved(one - other)
 
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
         return rig.astype(np.float32) @ decoder.to_code
@@ -53,32 +56,21 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "Face":
         return codes.float() @ to_mouth.to(codes.device)
 
     scale = torch.tensor([weights[int(v)] for v in chosen])
-    gaps = _between(decoder, mesh.marks.pairs)
+    vertices = _moved(decoder.moves(chosen))
+    apart, gaps = between(ends), between(mesh.marks.pairs)
     return Face(rig_to_code, vertices, scale / scale.mean(), gaps, spans, mouth)
 
 
-def _rows(decoder: "Decoder", vertices: np.ndarray) -> Any:  # [V] -> [V, 3, 53]
-    rows = (vertices[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
-    dense = np.asarray(decoder.basis[rows].todense(), np.float32)
-    return dense.reshape(len(vertices), 3, -1)
-
-
-def _between(decoder: "Decoder", pairs: np.ndarray) -> "Callable[[Tensor], Tensor]":
-    """Codes [B, T, 256] -> [B, T, P, 3] mm: pairs of lip vertices, against the same at rest."""
-    one, other = (_rows(decoder, decoder.regions["lips"][pairs[:, i]]) for i in (0, 1))
-    return _moved(decoder, one - other)
-
-
-def _moved(decoder: "Decoder", rows: Any) -> "Callable[[Tensor], Tensor]":
-    """rows [V, 3, 53] mm of a channel -> what moves codes [B, T, 256] -> [B, T, V, 3] mm."""
+def _moved(linear: np.ndarray) -> "Callable[[Tensor], Tensor]":
+    """linear [256, V * 3] mm -> what moves codes [B, T, 256] -> [B, T, V, 3] mm."""
     import torch
 
-    linear = torch.from_numpy(decoder.to_rig @ rows.reshape(-1, rows.shape[-1]).T)
+    matrix = torch.from_numpy(linear)
 
     def moved(codes: "Tensor") -> "Tensor":
         # in full precision: a third difference of halves would be noise
         with torch.autocast(codes.device.type, enabled=False):
-            flat = codes.float() @ linear.to(codes.device)
+            flat = codes.float() @ matrix.to(codes.device)
         return flat.reshape(*codes.shape[:-1], -1, 3)
 
     return moved

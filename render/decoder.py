@@ -83,6 +83,11 @@ class Decoder:
         """[V * 3, 53] mm at full activation."""
         return self.posing.basis[:, :NUM_RIG]
 
+    def moves(self, vertices: NDArray[np.integer]) -> Floats:  # [n] -> [256, n * 3]
+        """How far, in mm, a unit of each of the code's numbers moves these vertices, gaze apart."""
+        rows = (vertices[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
+        return self.to_rig @ np.asarray(self.basis[rows].todense(), np.float32).T
+
     @property
     def eyeballs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
         """Vertex sets, left eye first."""

@@ -46,6 +46,15 @@ def test_distance_of_codes_is_distance_of_faces(decoder: Decoder) -> None:
     assert jaw > 4 * nose
 
 
+def test_vertices_move_as_the_code_says(decoder: Decoder) -> None:
+    who, brows = identity.load("ben"), decoder.regions["brows"][::5]
+    code = pose(decoder, browInnerUp_L=0.6)
+    shown, still = (decoder.vertices(x, AHEAD, who) for x in (code, 0 * code))
+    moved = (code @ decoder.moves(brows)).reshape(-1, 3)
+    np.testing.assert_allclose(moved, (shown - still)[brows], atol=1e-3)
+    assert np.abs(moved).max() > 2
+
+
 @pytest.mark.parametrize("name", identity.names())
 def test_every_avatar_opens_its_mouth_and_turns_its_eyes(decoder: Decoder, name: str) -> None:
     who = identity.load(name)
