@@ -8,9 +8,9 @@ PIP_ARGS ?=
 XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
     pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 umockdev chromium \
-    festival festvox-us-slt-hts festvox-kallpc16k
+    festival festvox-us-slt-hts festvox-kallpc16k janus iproute2
 
-.PHONY: setup system demo check bench help
+.PHONY: setup system demo test check golden coverage bench help
 help:  ## this list
 	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*##/\t/'
 
@@ -30,7 +30,7 @@ system:
 	    command -v flite >/dev/null && command -v espeak-ng >/dev/null && \
 	    command -v pulseaudio >/dev/null && command -v pacat >/dev/null && command -v umockdev-run >/dev/null && \
 	    ls /usr/lib/*/alsa-lib/libasound_module_pcm_pulse.so >/dev/null 2>&1 && \
-	    command -v chromium >/dev/null && ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
+	    command -v janus >/dev/null && command -v ip >/dev/null && command -v chromium >/dev/null && ldconfig -p | grep -q libportaudio.so.2 && ldconfig -p | grep -q libusb-1.0.so.0; then exit 0; fi; \
 	if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
 	    apt-get update -qq && apt-get install -y -qq --no-install-recommends $(APT_PACKAGES) >/dev/null; \
 	else \
@@ -39,11 +39,21 @@ system:
 demo: setup  ## replay the demo recording into demo.mp4
 	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4
 
-check: setup  ## ruff, pyright, pytest
+test: setup  ## the quick tests, in parallel
+	$(PY) -m pytest -n auto -m "not slow"
+
+check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/codespell
 	$(VENV)/bin/pyright
-	$(VENV)/bin/pytest
+	$(PY) -m pytest -n auto
+
+golden: setup  ## bless the golden pictures anew (llvmpipe, clean tree)
+	$(PY) -m pytest tests/render/splats/test_golden.py --update-golden
+
+coverage: setup  ## which lines no test reaches (no limit is enforced)
+	$(PY) -m pytest -n auto --cov --cov-report=term-missing:skip-covered
 
 bench: setup  ## latency of every stage and of the whole tick
 	$(VENV)/bin/livedrive bench

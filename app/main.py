@@ -4,28 +4,31 @@ Errors end in one line and a status: 2 for bad input, 1 for a failure while runn
 """
 
 import sys
+from importlib.metadata import version
 from typing import Annotated
 
 import tyro
 from tyro.conf import subcommand
 
-from app.avatar import Avatar
-from app.bench import Bench
-from app.calibrate import Calibrate
-from app.capture import Capture
-from app.devices import Devices
-from app.doctor import Doctor
-from app.eval import Eval
-from app.record import Record
-from app.replay import Replay
-from app.run import Run
-from app.session import Session
-from app.train import Train
+from app.commands.avatar import Avatar
+from app.commands.bench import Bench
+from app.commands.calibrate import Calibrate
+from app.commands.capture import Capture
+from app.commands.devices import Devices
+from app.commands.doctor import Doctor
+from app.commands.eval import Eval
+from app.commands.meet.call import Call
+from app.commands.record import Record
+from app.commands.replay import Replay
+from app.commands.run import Run
+from app.commands.session import Session
+from app.commands.train import Train
 
 Command = (
     Annotated[Replay, subcommand("replay")]
     | Annotated[Run, subcommand("run")]
     | Annotated[Record, subcommand("record")]
+    | Annotated[Call, subcommand("call")]
     | Annotated[Calibrate, subcommand("calibrate")]
     | Annotated[Session, subcommand("session")]
     | Annotated[Avatar, subcommand("avatar")]
@@ -38,15 +41,25 @@ Command = (
 )
 
 
+FIRST_STEPS = """\
+livedrive replay recordings/demo --window    a recorded session as a talking head
+livedrive devices                            what is here, and what to type
+livedrive run                                live, from the microphone and the eye cameras
+
+More: livedrive -h, livedrive run -h; something is missing: livedrive doctor"""
+
+
 def main() -> None:
     """Entry point of the console script."""
-    from render.errors import InputError as RenderInputError
     from sensors.types import InputError
 
+    if sys.argv[1:] in ([], ["--version"]):
+        print(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
+        return
     command = tyro.cli(Command, prog="livedrive", config=(tyro.conf.FlagCreatePairsOff,))
     try:
         command.run()
-    except (InputError, RenderInputError) as error:
+    except InputError as error:
         _fail(str(error), 2)
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has seen enough

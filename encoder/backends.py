@@ -1,51 +1,114 @@
-"""Runs the trained networks tick by tick: ONNX Runtime (int8, fp32) or PyTorch, one interface.
+"""What runs the trained networks tick by tick: ONNX Runtime (int8, fp32) or PyTorch.
 
-The ONNX graphs are built in memory from the networks, so nothing is cached and nothing can go
-stale. One thread, spinning off: the other core draws (FACTS: two spinning threads missed 201 of
-210 ticks). Paper section 4.3.
+A backend joins the audio path and the denoiser of a stream; each keeps a frozen state of its own.
+The ONNX graphs are built in memory from the weights, so nothing is cached and nothing can go
+stale. One thread, spinning off, because the other core draws: two spinning threads missed 201 of
+210 ticks. Paper section 4.3.
 """
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from encoder import audio_graph, denoiser_graph, onnx_graph
-from encoder.alignment import lerp_place, lerp_ready
-from encoder.audio_encoder import AudioEncoder
-from encoder.denoiser import Denoiser
-from encoder.resample import Resample
-from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
+from encoder.audio.config import AudioEncoderConfig
+from encoder.denoiser.config import DenoiserConfig
+from encoder.types import Floats, Weights
+from sensors.types import InputError
 
 if TYPE_CHECKING:
-    from onnx import ModelProto
+    from encoder.audio.encoder import AudioEncoder
+    from encoder.audio.live import AudioState
+    from encoder.denoiser.model import Denoiser
+    from encoder.denoiser.past import Past
+    from encoder.nn.streaming import State as TensorState
 
-Array = NDArray[np.float32]
-BackendState = dict[str, Any]
 BackendName = Literal["auto", "onnx-int8", "onnx", "torch"]
+State = TypeVar("State")
 
 
-class Backend(Protocol):
-    """One stream, no batch axis. States are values: never written into after they were returned."""
+@dataclass(frozen=True, eq=False)
+class Networks:
+    """The trained audio encoder and student, as numbers."""
+
+    audio_config: AudioEncoderConfig
+    audio: Weights
+    config: DenoiserConfig
+    denoiser: Weights
+
+    def modules(self) -> tuple[AudioEncoder, Denoiser]:
+        """In torch, for a GPU, training and evaluation."""
+        from encoder.audio.encoder import AudioEncoder
+        from encoder.denoiser.model import Denoiser
+        from encoder.nn.modules import fill
+
+        encoder = fill(AudioEncoder(self.audio_config), self.audio, Path("audio"), "audio")
+        return encoder, fill(Denoiser(self.config), self.denoiser, Path("student"), "student")
+
+
+class Backend(Protocol[State]):
+    """One stream, no batch axis. States are values; see DriverState."""
 
     name: str
 
-    def init_state(self) -> BackendState: ...
+    def init_state(self) -> State: ...
 
-    def audio(self, audio: Array, state: BackendState) -> tuple[Array, BackendState]:
+    def audio(self, audio: Floats, state: State) -> tuple[Floats, State]:
         """audio [1600] at 48 kHz -> audio_features [A]."""
         ...
 
     def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState,
-        emotion: Array | None = None,
-    ) -> tuple[Array, BackendState]:  # fmt: skip
-        """noise [256] at tau = N, features [A], condition [6], emotion [width] or none ->
-        standardised code [256]."""
+        self,
+        noise: Floats,  # [256] the frame at tau = N
+        features: Floats,  # [A]
+        condition: Floats,  # [condition_dim]
+        state: State,
+        emotion: Floats | None = None,  # [width] of Emotions.step; None: nothing
+    ) -> tuple[Floats, State]:
+        """-> standardised code [256]."""
         ...
+
+
+@dataclass(frozen=True, eq=False)
+class OnnxState:
+    audio: AudioState
+    past: Past
+
+
+class OnnxBackend:
+    """ONNX Runtime on one thread, without torch."""
+
+    def __init__(self, networks: Networks, *, int8: bool) -> None:
+        from encoder.audio.live import LiveAudio
+        from encoder.denoiser.live import LiveDenoiser
+        from encoder.nn.onnx_session import eight_bits
+
+        self.name, bits = ("onnx-int8", eight_bits()) if int8 else ("onnx", None)
+        self._audio = LiveAudio(networks.audio_config, networks.audio, bits)
+        self._denoiser = LiveDenoiser(networks.config, networks.denoiser, bits)
+
+    def init_state(self) -> OnnxState:
+        return OnnxState(self._audio.init_state(), self._denoiser.init_state())
+
+    def audio(self, audio: Floats, state: OnnxState) -> tuple[Floats, OnnxState]:
+        features, after = self._audio.step(audio, state.audio)
+        return features, OnnxState(after, state.past)
+
+    def denoise(
+        self, noise: Floats, features: Floats, condition: Floats, state: OnnxState,
+        emotion: Floats | None = None,
+    ) -> tuple[Floats, OnnxState]:  # fmt: skip
+        code, after = self._denoiser.step(noise, features, condition, state.past, emotion)
+        return code, OnnxState(state.audio, after)
+
+
+@dataclass(frozen=True, eq=False)
+class TorchState:
+    audio: TensorState
+    past: TensorState
 
 
 class TorchBackend:
@@ -53,190 +116,65 @@ class TorchBackend:
 
     name = "torch"
 
-    def __init__(self, encoder: AudioEncoder, denoiser: Denoiser, device: str) -> None:
+    def __init__(self, networks: Networks, device: str) -> None:
         import torch
 
-        from encoder.alignment import AudioFeatures
+        from encoder.audio.alignment import AudioFeatures
 
         if device == "cpu":
             torch.set_num_threads(1)
-        self.device = torch.device(device)
-        self.features = AudioFeatures(encoder).eval().to(self.device)
-        self.denoiser = denoiser.eval().to(self.device)
-        self.tau = torch.tensor([denoiser.config.num_steps], device=self.device)
+        self._device = torch.device(device)
+        encoder, denoiser = networks.modules()
+        self._features = AudioFeatures(encoder).eval().to(self._device)
+        self._denoiser = denoiser.to(self._device)
+        self._tau = torch.tensor([networks.config.num_steps], device=self._device)
 
-    def init_state(self) -> BackendState:
-        return {"audio": self.features.init_state(1), "past": self.denoiser.init_state(1)}
+    def init_state(self) -> TorchState:
+        return TorchState(self._features.init_state(1), self._denoiser.init_state(1))
 
-    def _tensor(self, array: Array, *shape: int) -> Any:
+    def _tensor(self, array: Floats, *shape: int) -> Any:
         import torch
 
-        return torch.from_numpy(np.ascontiguousarray(array)).reshape(shape).to(self.device)
+        return torch.from_numpy(np.ascontiguousarray(array)).reshape(shape).to(self._device)
 
-    def audio(self, audio: Array, state: BackendState) -> tuple[Array, BackendState]:
+    def audio(self, audio: Floats, state: TorchState) -> tuple[Floats, TorchState]:
         import torch
 
         with torch.inference_mode():
-            y, after = self.features.step(self._tensor(audio, 1, -1, 1), state["audio"])
-        return y[0, 0].cpu().numpy(), {**state, "audio": after}
+            y, after = self._features.step(self._tensor(audio, 1, -1, 1), state.audio)
+        return y[0, 0].cpu().numpy(), TorchState(after, state.past)
 
     def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState,
-        emotion: Array | None = None,
-    ) -> tuple[Array, BackendState]:  # fmt: skip
+        self, noise: Floats, features: Floats, condition: Floats, state: TorchState,
+        emotion: Floats | None = None,
+    ) -> tuple[Floats, TorchState]:  # fmt: skip
         import torch
 
         x, a, g = (self._tensor(x, 1, 1, -1) for x in (noise, features, condition))
         added = None if emotion is None else self._tensor(emotion, 1, -1)
         with torch.inference_mode():
-            y, after = self.denoiser.step(x, self.tau, a, g, state["past"], emotion=added)
-        return y[0, 0].cpu().numpy(), {**state, "past": after}
-
-
-def session(model: ModelProto) -> Any:
-    """An ONNX Runtime session on one thread that does not spin."""
-    import onnxruntime
-
-    options = onnxruntime.SessionOptions()
-    options.intra_op_num_threads = options.inter_op_num_threads = 1
-    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
-    options.add_session_config_entry("session.set_denormal_as_zero", "1")
-    options.log_severity_level = 3
-    return onnxruntime.InferenceSession(
-        model.SerializeToString(), options, providers=["CPUExecutionProvider"]
-    )
-
-
-class OnnxBackend:
-    """ONNX Runtime on one thread; resampling, alignment and the ring cache in numpy around it."""
-
-    def __init__(self, encoder: AudioEncoder, denoiser: Denoiser, *, int8: bool) -> None:
-        self.name, bits = ("onnx-int8", eight_bits()) if int8 else ("onnx", None)
-        self.audio_config, self.config = encoder.config, denoiser.config
-        if self.config.attention != "softmax":
-            raise InputError(
-                f"backend {self.name}: expected softmax attention, got {self.config.attention!r}; "
-                'use backend "torch"'
-            )
-        self.factor = SAMPLE_RATE // self.audio_config.sample_rate
-        self.stride = self.audio_config.stride
-        resample = Resample(self.factor)
-        self.kernel = resample.kernel.numpy().reshape(-1)
-        self.context = resample.context
-        tick = SAMPLES_PER_FRAME / self.factor / self.stride  # features a tick
-        self.stacked = int(tick) if tick.is_integer() else 0
-        counts = {int(tick), -int(-tick // 1)}
-        weights = {name: tensor.numpy() for name, tensor in encoder.state_dict().items()}
-        self.shapes = audio_graph.audio_shapes(self.audio_config)
-        self.prior = weights.get("norms.0.prior")
-        self.encoders = {
-            n: session(audio_graph.audio_model(self.audio_config, weights, n, bits)) for n in counts
-        }
-        weights = {name: tensor.numpy() for name, tensor in denoiser.state_dict().items()}
-        self.denoiser = session(denoiser_graph.denoiser_model(self.config, weights, bits))
-        half = self.config.dim // self.config.heads // 2
-        self.rates = 10_000.0 ** (-np.arange(half) / half)
-        self.calm = np.zeros((1, 2 * sum(self.config.places)), np.float32)
-
-    def init_state(self) -> BackendState:
-        c = self.config
-        audio = {name: np.zeros(shape, np.float32) for name, shape in self.shapes.items()}
-        if self.prior is not None:
-            audio["statistics"] = self.prior.reshape(1, 2)
-        empty = np.zeros((c.layers, c.heads, c.window, c.dim // c.heads), np.float32)
-        return {
-            "raw": np.zeros(self.context, np.float32),  # 48 kHz, still under the filter
-            "pending": np.zeros(0, np.float32),  # resampled, not yet a whole feature
-            "audio": audio,
-            "tail": np.zeros((0, self.audio_config.width), np.float32),
-            "count": 0,  # features so far
-            "keys": empty,
-            "values": empty,
-            "frame": 0,
-        }
-
-    def audio(self, audio: Array, state: BackendState) -> tuple[Array, BackendState]:
-        raw = np.concatenate([state["raw"], audio])
-        ready = (len(raw) - self.context) // self.factor
-        windows = np.lib.stride_tricks.sliding_window_view(raw, len(self.kernel))
-        sound = np.concatenate([state["pending"], windows[:: self.factor][:ready] @ self.kernel])
-        num = len(sound) // self.stride
-        sound, pending = sound[: num * self.stride], sound[num * self.stride :]
-        features, *after = self.encoders[num].run(None, {"audio": sound[:, None], **state["audio"]})
-        names = [output.name.removesuffix("_next") for output in self.encoders[num].get_outputs()]
-        state = {
-            **state,
-            "raw": raw[ready * self.factor :],
-            "pending": pending,
-            "audio": dict(zip(names[1:], after, strict=True)),
-            "count": state["count"] + num,
-        }
-        if self.stacked:
-            return features.reshape(-1), state
-        features = np.concatenate([state["tail"], features])[-8:]
-        left, weight = lerp_place(lerp_ready(state["count"]) - 1)
-        place = left - (state["count"] - len(features))
-        pair = features[place : place + 2]
-        mixed = pair[0] + np.float32(weight) * (pair[-1] - pair[0])
-        return mixed, {**state, "tail": features}
-
-    def denoise(
-        self, noise: Array, features: Array, condition: Array, state: BackendState,
-        emotion: Array | None = None,
-    ) -> tuple[Array, BackendState]:  # fmt: skip
-        frame, window = state["frame"], self.config.window
-        keys, values = state["keys"], state["values"]
-        bias = np.zeros((1, 1, window + 1), np.float32)
-        if frame < window:  # stale slots may hold anything, even NaN
-            bias[..., frame:window] = -1e9
-            fresh = (np.arange(window) < frame)[:, None]
-            keys, values = np.where(fresh, keys, 0), np.where(fresh, values, 0)
-        angles = np.remainder(frame * self.rates, 2 * np.pi)  # float64
-        angles = np.concatenate([angles, angles])[None, None]
-        code, key, value = self.denoiser.run(
-            ["x0", "key", "value"],
-            {
-                "inputs": np.concatenate([noise, features, condition])[None],
-                "keys": keys,
-                "values": values,
-                "cos": np.cos(angles).astype(np.float32),
-                "sin": np.sin(angles).astype(np.float32),
-                "bias": bias,
-                "emotion": self.calm if emotion is None else emotion[None],
-            },
-        )
-        keys, values = keys.copy(), values.copy()
-        keys[:, :, frame % window], values[:, :, frame % window] = key, value
-        return code[0], {**state, "keys": keys, "values": values, "frame": frame + 1}
-
-
-@cache
-def eight_bits() -> onnx_graph.Bits:
-    """Signed weights, or unsigned ones where products with signed ones saturate (x86 without VNNI).
-
-    Both give the same sums, and so the same codes on either processor.
-    """
-    graph = onnx_graph.Graph("int8")
-    rows = onnx_graph.MIN_INT8_INPUTS
-    graph.rename(graph.linear("x", np.ones((rows, 16)), np.zeros(16)), "y")
-    runner = session(graph.model({"x": [1, rows]}, {"y": [1, 16]}))
-    (y,) = runner.run(None, {"x": np.ones((1, rows), np.float32)})
-    return "int8" if np.allclose(y, rows, rtol=0.01) else "uint8"
+            y, after = self._denoiser.step(x, self._tau, a, g, state.past, emotion=added)
+        return y[0, 0].cpu().numpy(), TorchState(state.audio, after)
 
 
 def create_backend(
-    encoder: AudioEncoder, denoiser: Denoiser, backend: BackendName = "auto", device: str = "cpu"
-) -> Backend:
-    """auto: torch on a GPU or for linear attention, else int8."""
+    networks: Networks, backend: BackendName = "auto", device: str = "cpu"
+) -> Backend[Any]:
+    """auto: torch on a GPU or for what the ONNX graph cannot express, else int8."""
+    from encoder.denoiser.live import runs_live
+
     if backend == "auto":
-        backend = "torch"
-        if device == "cpu" and denoiser.config.attention == "softmax":
-            backend = "onnx-int8"
+        backend = "onnx-int8" if device == "cpu" and runs_live(networks.config) else "torch"
     if backend == "torch":
-        return TorchBackend(encoder, denoiser, device)
+        return TorchBackend(networks, device)
     if backend not in ("onnx", "onnx-int8") or device != "cpu":
         raise InputError(
             f"backend: expected auto, torch, or onnx-int8 or onnx on the CPU, got {backend!r} on "
             f"{device!r}; use auto"
         )
-    return OnnxBackend(encoder, denoiser, int8=backend == "onnx-int8")
+    if not runs_live(networks.config):
+        raise InputError(
+            f"backend {backend}: expected softmax attention, got {networks.config.attention!r}; "
+            'use backend "torch"'
+        )
+    return OnnxBackend(networks, int8=backend == "onnx-int8")

@@ -9,44 +9,32 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from encoder.diffusion import frame_noise
-from encoder.emotion import NEUTRAL, Emotions, Mood
-from encoder.eye_tracker import EyeState, EyeTracker
-from encoder.gaze_graph import GazeGraph
-from encoder.gaze_walk import GazeWalk, WalkState
+from encoder.alive.alive import Alive, AliveState
+from encoder.emotion.control import NEUTRAL, Emotions
+from encoder.eyes.gaze_graph import GazeGraph
+from encoder.eyes.gaze_walk import GazeWalk, WalkState
+from encoder.eyes.tracker import EyeState, EyeTracker, eyes_in
+from encoder.types import DrivenFrame, DriverState, Floats, Mood
 from sensors.types import InputError, SensorFrame
 
 if TYPE_CHECKING:
-    from encoder.backends import Backend, BackendState
-    from encoder.denoiser import Denoiser
-    from encoder.eye_calibration import EyeCalibration
-    from encoder.eye_encoder import EyeEncoder
+    from encoder.backends import Backend
+    from encoder.denoiser.config import DenoiserConfig
+    from encoder.eyes.calibration import EyeCalibration
+    from encoder.eyes.encoder import EyeEncoder
 
 Timer = Callable[[str], AbstractContextManager[object]]
 
 
-@dataclass(frozen=True, eq=False)
-class DrivenFrame:
-    index: int
-    t_ns: int
-    expression: NDArray[np.float32]  # [256] code, not standardised
-    gaze: NDArray[np.float32]  # [2, 3] unit, left eye first
-
-
-@dataclass(frozen=True, eq=False)
-class DriverState:
-    """A value: everything the next frame depends on, with the seed of its noise."""
-
-    seed: int
-    backend: BackendState
-    gaze: WalkState | EyeState  # as the condition is
-    mood: Mood = Mood()
+def frame_noise(seed: int, index: int, dim: int) -> Floats:
+    """Gaussian noise [dim] of one frame, a function of (seed, frame index) and nothing else."""
+    bits = np.random.Philox(key=seed, counter=[0, 0, 0, index])
+    return np.random.Generator(bits).standard_normal(dim, dtype=np.float32)
 
 
 def _untimed(stage: str) -> AbstractContextManager[object]:
@@ -58,32 +46,37 @@ class Driver:
 
     def __init__(
         self,
-        backend: Backend,
-        denoiser: Denoiser,
+        backend: Backend[Any],
+        config: DenoiserConfig,  # of the backend's denoiser
+        mean: Floats,  # [256] of the codes, in which the denoiser is standardised
+        std: Floats,  # [256]
         eyes: EyeEncoder | None = None,
         graph: GazeGraph | None = None,  # default: the shipped one
         emotions: Emotions | None = None,  # of this denoiser
+        calibration: EyeCalibration | None = None,  # of who wears the headset
+        alive: Alive | None = None,  # None: the head is still, and only speech and eyes move it
     ) -> None:
-        config = denoiser.config
         if (config.condition == "eyes") != (eyes is not None):
             raise InputError(
                 f"student: expected a model conditioned on {'eyes' if eyes else 'gaze'}, got "
                 f"{config.condition!r}; run with --condition {config.condition}"
             )
         self.backend, self.config, self.eyes = backend, config, eyes
+        self.mean, self.std = mean, std
         self.graph = graph or GazeGraph.load()
-        self.emotions = emotions
-        self.calibration: EyeCalibration | None = None  # of who wears the headset
-        self.mean = denoiser.expression_mean.cpu().numpy()
-        self.std = denoiser.expression_std.cpu().numpy()
+        self.emotions, self.calibration, self.alive = emotions, calibration, alive
 
     def init_state(self, seed: int) -> DriverState:
         walk = GazeWalk(self.graph, seed)
         gaze = self._tracker(seed).init_state(self.calibration) if self.eyes else walk.init_state()
-        return DriverState(seed, self.backend.init_state(), gaze)
+        alive = self.alive.init_state() if self.alive else None
+        return DriverState(seed, self.backend.init_state(), gaze, alive=alive)
 
     def recentred(self, state: DriverState) -> DriverState:
-        """Where the tracked eyes look now is straight ahead from now on."""
+        """Where the tracked eyes look now is straight ahead from now on, and where the head is, is
+        its centre."""
+        if self.alive and isinstance(state.alive, AliveState):
+            state = replace(state, alive=self.alive.recentred(state.alive))
         if isinstance(state.gaze, EyeState):
             return replace(state, gaze=self._tracker(state.seed).recentred(state.gaze))
         return state
@@ -97,13 +90,21 @@ class Driver:
         condition, gaze, gaze_state = self._look(frame, state, timer)
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
-            felt, mood = self._feel(frame.emotion, state.mood)
+            emotion, mood = self._emotion(frame.emotion, state.mood)
             code, backend_state = self.backend.denoise(
-                noise, features, condition, backend_state, felt
+                noise, features, condition, backend_state, emotion
             )
             expression = code * self.std + self.mean
-        driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
-        return driven, DriverState(state.seed, backend_state, gaze_state, mood)
+            after = DriverState(state.seed, backend_state, gaze_state, mood)
+            eye_frames = eyes_in(gaze_state) if isinstance(gaze_state, EyeState) else None
+            if self.alive is None:
+                driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
+                return replace(driven, eye_frames=eye_frames), after
+            assert isinstance(state.alive, AliveState)
+            made = isinstance(state.gaze, WalkState)
+            shown, alive = self.alive.step(frame, expression, gaze, made, state.seed, state.alive)
+        driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
+        return driven, replace(after, alive=alive)
 
     def check_emotion(self, words: str) -> None:
         """Raise InputError where `words` cannot be shown."""
@@ -115,7 +116,7 @@ class Driver:
                 f"for {words!r}; run `livedrive train emotion`, or go on with --emotion {NEUTRAL}"
             )
 
-    def _feel(self, words: str, mood: Mood) -> tuple[NDArray[np.float32] | None, Mood]:
+    def _emotion(self, words: str, mood: Mood) -> tuple[Floats | None, Mood]:
         if self.emotions is None:
             self.check_emotion(words)
             return None, mood
@@ -123,19 +124,21 @@ class Driver:
 
     def _look(
         self, frame: SensorFrame, state: DriverState, timer: Timer
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], WalkState | EyeState]:
+    ) -> tuple[Floats, Floats, WalkState | EyeState]:
         """The denoiser's condition, gaze [2, 3], and the state after it."""
         if isinstance(state.gaze, WalkState):
             with timer("gaze"):
                 gaze, _, walk = GazeWalk(self.graph, state.seed).step(state.gaze)
             return gaze.reshape(-1), gaze, walk
-        assert self.eyes is not None
+        assert self.eyes is not None and isinstance(state.gaze, EyeState)
         with timer("eyes"):
-            visible = frame.eyes is not None and frame.eyes_valid.any()
-            reading = self.eyes(frame.eyes) if visible else None  # type: ignore[arg-type]
+            reading, eye_state = None, state.gaze
+            if frame.eyes is not None and frame.eyes_valid.any():
+                reading, seen_by = self.eyes.step(frame.eyes, eye_state.encoder)
+                eye_state = replace(eye_state, encoder=seen_by)
         with timer("gaze"):
             tracker = self._tracker(state.seed)
-            seen, eye_state = tracker.step(reading, frame.eyes_valid, state.gaze)
+            seen, eye_state = tracker.step(reading, frame.eyes_valid, eye_state)
         return seen.features.reshape(-1), seen.gaze, eye_state
 
     def _tracker(self, seed: int) -> EyeTracker:

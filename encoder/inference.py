@@ -1,73 +1,68 @@
 """The trained networks of a folder, checked against each other, and the Driver made from them.
 
-`load_driver` is what the app calls.
+`load_driver` is what the app calls. Without a GPU nothing here imports torch.
 """
 
 from __future__ import annotations
 
+import ctypes
 import json
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
-from encoder.backends import BackendName, create_backend
-from encoder.checkpoint import config_from, load
-from encoder.denoiser import Denoiser, DenoiserConfig
+from encoder.audio.config import AudioEncoderConfig
+from encoder.audio.config import weight_shapes as audio_shapes
+from encoder.backends import BackendName, Networks, create_backend
+from encoder.denoiser.config import DenoiserConfig
+from encoder.denoiser.config import weight_shapes as denoiser_shapes
+from encoder.nn.checkpoint import check_shapes, config_from, load
+from encoder.types import Condition, Weights
 from sensors.types import InputError
 
 if TYPE_CHECKING:
     from encoder.driver import Driver
+    from encoder.eyes.calibration import EyeCalibration
 
-Condition = Literal["gaze", "eyes"]
 WEIGHTS = Path(__file__).parent / "weights"
 STUDENTS: dict[Condition, str] = {"gaze": "student", "eyes": "student_eyes"}
 
 
-def load_models(
+def load_networks(
     weights_dir: Path | str | None = None, condition: Condition = "gaze"
-) -> tuple[AudioEncoder, Denoiser, dict]:
-    """Read audio and student checkpoints of a folder -> both networks and the student's card."""
+) -> tuple[Networks, dict[str, Any]]:
+    """Audio encoder and student of a folder, and the student's card."""
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
-    tensors, audio_card = load(folder / "audio", "audio")
-    encoder = AudioEncoder(config_from(AudioEncoderConfig, audio_card["config"]))
-    fill(encoder, tensors, folder / "audio")
-    denoiser, card = load_student(folder, condition)
+    audio, audio_card = load(folder / "audio", "audio")
+    audio_config = config_from(AudioEncoderConfig, audio_card["config"])
+    check_shapes(audio, audio_shapes(audio_config), folder / "audio", "audio")
+    config, denoiser, card = load_student(folder, condition)
     if card.get("audio_sha256", audio_card["sha256"]) != audio_card["sha256"]:
         raise InputError(
             f"checkpoint {folder / 'student'}: expected the audio encoder it was trained with, got "
             "another; run `livedrive train distill` or restore both files"
         )
-    return encoder.eval(), denoiser.eval(), card
+    return Networks(audio_config, audio, config, denoiser), card
 
 
-def load_student(folder: Path, condition: Condition) -> tuple[Denoiser, dict]:
-    """The student of a folder; one that sees may hold only what it learned beyond the other."""
+def load_student(
+    folder: Path, condition: Condition
+) -> tuple[DenoiserConfig, Weights, dict[str, Any]]:
+    """The student of a folder; the one for eyes may hold only what it has beyond the other."""
     path = folder / STUDENTS[condition]
-    tensors, card = load(path, "student")
-    denoiser = Denoiser(config_from(DenoiserConfig, card["config"]))
-    if tensors.keys() < denoiser.state_dict().keys():
+    weights, card = load(path, "student")
+    config = config_from(DenoiserConfig, card["config"])
+    shapes = denoiser_shapes(config)
+    if weights.keys() < shapes.keys():
         base, base_card = load(folder / STUDENTS["gaze"], "student")
         if card.get("audio_model", {}).get("sha256") != base_card["sha256"]:
             raise InputError(
                 f"checkpoint {path}: expected the {STUDENTS['gaze']} beside it that it was made "
                 "from, got another; run `livedrive train multimodal` or restore both files"
             )
-        tensors = base | tensors
-    fill(denoiser, tensors, path)
-    return denoiser, card
-
-
-def fill(module: AudioEncoder | Denoiser, tensors: dict[str, Any], path: Path) -> None:
-    """load_state_dict whose errors are one line."""
-    expected = {name: tensor.shape for name, tensor in module.state_dict().items()}
-    got = {name: tensor.shape for name, tensor in tensors.items()}
-    if expected != got:
-        odd = sorted(k for k in expected.keys() | got.keys() if expected.get(k) != got.get(k))
-        raise InputError(
-            f"checkpoint {path}: expected the tensors of its config, got other names or shapes "
-            f"({', '.join(odd[:3])}, ...); restore the file"
-        )
-    module.load_state_dict(tensors)
+        weights = base | weights
+    check_shapes(weights, shapes, path, "student")
+    return config, weights, card
 
 
 def load_driver(
@@ -75,26 +70,43 @@ def load_driver(
     device: Literal["auto", "cpu", "cuda"] = "auto",
     backend: BackendName = "auto",
     condition: Condition = "gaze",
+    calibration: EyeCalibration | None = None,
 ) -> Driver:
     """The trained Driver. Device "auto" is the GPU where PyTorch sees one."""
-    import torch
-
     from encoder.driver import Driver
-    from encoder.emotion import load_emotions
-    from encoder.eye_encoder import load_eye_encoder
+    from encoder.emotion.control import load_emotions
+    from encoder.eyes.encoder import load_eye_encoder
 
     if device == "auto":
-        device = "cuda" if torch.cuda.is_available() and not backend.startswith("onnx") else "cpu"
-    if device == "cuda" and not torch.cuda.is_available():
+        device = "cuda" if not backend.startswith("onnx") and has_gpu() else "cpu"
+    if device == "cuda" and not has_gpu():
         raise InputError("device: expected a CUDA GPU, got none; use --device cpu")
-    encoder, denoiser, card = load_models(weights_dir, condition)
+    networks, card = load_networks(weights_dir, condition)
     folder = WEIGHTS if weights_dir is None else Path(weights_dir)
     eyes = load_eye_encoder(folder) if condition == "eyes" else None
-    # a student that sees is the audio model but for its first layers: the same emotions add to it
+    # the student for eyes is the audio model but for its first layers: the same emotions add to it
     # the same faces (smiles, brows: cosine of the codes' changes 0.997 and more)
     emotions = load_emotions(folder, card.get("audio_model", card)["sha256"])
-    runner = create_backend(encoder, denoiser, backend, device)
-    return Driver(runner, denoiser, eyes, emotions=emotions)
+    return Driver(
+        create_backend(networks, backend, device),
+        networks.config,
+        mean=networks.denoiser["expression_mean"],
+        std=networks.denoiser["expression_std"],
+        eyes=eyes,
+        emotions=emotions,
+        calibration=calibration,
+    )
+
+
+def has_gpu() -> bool:
+    """Does PyTorch see a CUDA GPU? It is asked, and imported, only where a driver is installed."""
+    try:
+        ctypes.CDLL("nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1")
+    except OSError:
+        return False
+    import torch
+
+    return torch.cuda.is_available()
 
 
 def choose_condition(wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool) -> Condition:
@@ -115,5 +127,6 @@ def eyes_fit(folder: Path) -> bool:
     seeing = cards[STUDENTS["eyes"]]
     return (
         seeing.get("audio_model", {}).get("sha256") == cards[STUDENTS["gaze"]]["sha256"]
-        and seeing.get("eyes_sha256") == cards["eyes"]["sha256"]
+        # an eye encoder may have learned to see more without changing what its features mean
+        and seeing.get("eyes_sha256") in (cards["eyes"]["sha256"], cards["eyes"].get("features_of"))
     )

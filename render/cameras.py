@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from render.errors import InputError
 from render.types import DEFAULT_BACKGROUND, Camera
+from sensors.types import InputError
 
 HEAD_CENTRE_MM = (0.0, 15.0, 0.0)  # between the chin (~ -110) and the top of the head (~ +140)
 PORTRAIT_SPAN_MM = 320.0  # what the shorter side of the picture shows at the target

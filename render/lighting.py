@@ -1,94 +1,155 @@
-"""The light on the head: one model for the mesh renderer (GLSL) and for the decoder (numpy).
+"""The light on the head: one model for the mesh renderer (GLSL) and for the decoder (numba).
 
-A key light (with a shadow), a fill, a rim and a sky. Skin is wrapped: red light bleeds around the
-terminator, which is what scattering under the skin does at portrait distance. Linear light is the
-square of a stored colour (gamma 2): a square root is the cheapest way back.
+A key light in a large soft box (with a shadow), a fill, two rims from behind and a sky. Skin is
+wrapped and its shadows are edged with red: light bleeds under it. What is stored and blended is
+the picture of a film: linear light through a curve with a toe and a shoulder, then a square root.
 """
 
+# pyright: reportUntypedFunctionDecorator=false
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
+from numba import njit
 
-from render import kernels
+from render.types import Floats
 
-Floats = NDArray[np.float32]
-WRAP = np.array([0.30, 0.16, 0.12], np.float32)  # how far red, green, blue reach into the shade
-BOUNCE = np.float32(0.20)  # share of the sky that reaches even a mouth, from skin to skin
-VIEWER = np.array([0.0, 0.0, 1.0])  # shine is baked for someone in front of the face
-
-
-def _unit(*xyz: float) -> Floats:
-    v = np.array(xyz, np.float64)
-    return (v / np.linalg.norm(v)).astype(np.float32)
+WRAP = np.array([0.24, 0.12, 0.08], np.float32)  # how far red, green, blue reach into the shade
+BLEED = np.array([0.45, -0.04, -0.12], np.float32)  # more of them where half the light is seen
+BOUNCE = np.array([0.12, 0.075, 0.065], np.float32)  # of the sky, seen even inside a mouth
+EXPOSURE = 0.85
+# x (a x + b) / (x (c x + d) + e): Narkowicz's fit of the ACES curve, at that exposure
+FILM = np.array([2.51, 0.03 / EXPOSURE, 2.43, 0.59 / EXPOSURE, 0.14 / EXPOSURE**2], np.float32)
 
 
-KEY = _unit(0.42, 0.55, 0.80)
-FILL = _unit(-0.75, 0.15, 0.65)
-RIM = _unit(-0.55, 0.45, -0.80)
-SKIN_SHINE, EYE_SHINE, WET_SHINE = (0.045, 0.0), (0.02, 0.0), (0.0, 0.10)  # soft, gloss
-HALF = _unit(*(KEY + VIEWER))  # where the key light mirrors towards the viewer
-TOWARDS = np.stack([FILL, RIM, KEY, HALF])  # [4, 3]
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """A soft box far away; in the head's frame."""
+
+    towards: Floats  # [3] unit
+    half_width: float  # tangent of the angle
+
+
+def _lamp(x: float, y: float, z: float, half_width: float) -> Lamp:
+    v = np.array((x, y, z), np.float64)
+    return Lamp((v / np.linalg.norm(v)).astype(np.float32), half_width)
+
+
+KEY, FILL = _lamp(0.62, 0.52, 0.78, 0.32), _lamp(-0.85, 0.10, 0.62, 0.55)
+RIM_LEFT, RIM_RIGHT = _lamp(0.88, 0.25, -0.50, 0.25), _lamp(-0.80, 0.42, -0.95, 0.30)
+LAMPS = (KEY, FILL, RIM_LEFT, RIM_RIGHT)
+TOWARDS = np.stack([lamp.towards for lamp in LAMPS])  # [4, 3]
+HALF_WIDTHS = np.array([lamp.half_width for lamp in LAMPS], np.float32)
+RGB = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Lighting:
-    """Colours of the lights, linear; the directions are those of the head and do not change."""
+    """Linear light on a white surface that faces each lamp; where lamps stand does not change."""
 
-    key: tuple[float, float, float] = (0.88, 0.82, 0.76)
-    fill: tuple[float, float, float] = (0.20, 0.22, 0.26)
-    rim: tuple[float, float, float] = (0.16, 0.18, 0.22)
-    sky: tuple[float, float, float] = (0.30, 0.31, 0.33)
-    ground: tuple[float, float, float] = (0.20, 0.17, 0.15)
-
-    def parts(self, normals: Floats, gains: Floats | None = None) -> Floats:
-        """[n, 3] unit, [n, 3] of linear light -> [n, 8], on a white surface that sees all of it.
-
-        0..2 from sky, fill and rim, 3..5 from the key light; 6 sheen of skin (power 16), 7 gloss
-        of wet surfaces (power 64).
-        """
-        gains = np.ones_like(normals) if gains is None else gains
-        out = np.empty((len(normals), 8), np.float32)
-        kernels.receive(normals, gains, TOWARDS, *self.terms, out)
-        return out
+    key: RGB = (0.76, 0.715, 0.655)
+    fill: RGB = (0.115, 0.13, 0.145)
+    rim_left: RGB = (0.32, 0.29, 0.25)
+    rim_right: RGB = (0.44, 0.50, 0.54)
+    sky: RGB = (0.150, 0.160, 0.170)
+    ground: RGB = (0.085, 0.075, 0.070)
 
     @cached_property
-    def terms(self) -> tuple[Floats, Floats]:  # [3, 3, 2], [3, 2]
+    def colors(self) -> Floats:  # [4, 3] of LAMPS
+        return np.array([self.key, self.fill, self.rim_left, self.rim_right], np.float32)
+
+    @cached_property
+    def terms(self) -> tuple[Floats, Floats]:  # [4, 3, 2], [3, 2]
         """Gain and offset over the cosine: of each lamp and channel, of the sky."""
-        gains = np.array([self.fill, self.rim, self.key], np.float32) / (1 + WRAP)
+        gains = self.colors / (1 + WRAP)
         up, down = np.array(self.sky, np.float32), np.array(self.ground, np.float32)
         half = np.float32(0.5)
         return np.stack([gains, gains * WRAP], 2), half * np.stack([up - down, up + down], 1)
 
-    def shade(
-        self,
-        normals: Floats,  # [n, 3] unit
-        ambient: Floats,  # [n] 0..1 share of the sky that is seen
-        lit: Floats,  # [n] 0..1 share of the key light that is seen
-    ) -> Floats:  # [n, 3] linear light on a white surface
-        """What the fragment shader computes too (shaders/mesh.frag.glsl)."""
-        parts = self.parts(normals)
-        sky = BOUNCE + (1 - BOUNCE) * ambient
-        light = parts[:, :3] * sky[:, None] + parts[:, 3:6] * lit[:, None]
-        return light.astype(np.float32)
+    def parts(self, normals: Floats, gains: Floats | None = None) -> Floats:
+        """[n, 3] unit, [n, 3] of linear light -> [n, 12], on a white surface that sees all of it.
+
+        0..2 from sky and fill, 3..5 from the key light, 6..8 and 9..11 from the rims.
+        """
+        gains = np.ones_like(normals) if gains is None else gains
+        out = np.empty((len(normals), 12), np.float32)
+        light_vertices(normals, gains, TOWARDS, *self.terms, out)
+        return out
+
+    def shade(self, normals: Floats, seen: Floats) -> Floats:
+        """[n, 3] unit, [n, 4] shares that are seen -> [n, 3] linear light on a white surface:
+        what the fragment shader computes too (shaders/mesh.frag.glsl)."""
+        parts = self.parts(normals).reshape(-1, 4, 3)
+        shares = seen[:, :, None] * (1 + BLEED * (1 - seen[:, :, None]))
+        shares[:, 0] = BOUNCE + (1 - BOUNCE) * shares[:, 0]
+        return (parts * shares).sum(1).astype(np.float32)
+
+
+def developed(linear: Floats) -> Floats:
+    """Linear light -> stored values, 0..1."""
+    a, b, c, d, e = FILM
+    x = np.maximum(linear, 0)
+    return np.sqrt(np.clip(x * (a * x + b) / (x * (c * x + d) + e), 0, 1)).astype(np.float32)
+
+
+def exposed(stored: Floats) -> Floats:
+    """Stored values -> linear light: undoes `developed`."""
+    a, b, c, d, e = FILM
+    r = stored * stored
+    p, q = a - c * r, b - d * r
+    return ((np.sqrt(q * q + 4 * p * e * r) - q) / (2 * p)).astype(np.float32)
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def light_vertices(
+    normals: Floats,  # [n, 3] unit
+    gains: Floats,  # [n, 3] of linear light
+    towards: Floats,  # [4, 3] unit: key, fill, rims left and right
+    lamps: Floats,  # [4, 3, 2] of each lamp and channel: gain and offset over the cosine
+    sky: Floats,  # [3, 2] the same over the height
+    out: Floats,  # -> [n, 12] see Lighting.parts
+) -> None:
+    zero = np.float32(0)
+    for n in range(len(normals)):
+        x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+        for k in range(3):
+            out[n, k] = gains[n, k] * (sky[k, 0] * y + sky[k, 1])
+        for lamp in range(4):
+            cosine = towards[lamp, 0] * x + towards[lamp, 1] * y + towards[lamp, 2] * z
+            at = 3 * max(lamp, 1)
+            for k in range(3):
+                light = max(lamps[lamp, k, 0] * cosine + lamps[lamp, k, 1], zero) * gains[n, k]
+                if lamp == 1:
+                    out[n, k] += light
+                else:
+                    out[n, at + k] = light
 
 
 STUDIO = Lighting()
 LIGHTINGS = {
     "studio": STUDIO,
-    "window": Lighting(
-        (0.66, 0.72, 0.82),
-        (0.30, 0.28, 0.26),
-        (0.08, 0.08, 0.08),
-        (0.36, 0.38, 0.42),
-        (0.24, 0.24, 0.24),
+    "soft": Lighting(
+        key=(0.40, 0.39, 0.38),
+        fill=(0.30, 0.30, 0.31),
+        rim_left=(0.12, 0.12, 0.12),
+        rim_right=(0.12, 0.12, 0.13),
+        sky=(0.34, 0.35, 0.36),
+        ground=(0.22, 0.20, 0.19),
     ),
-    "warm": Lighting(
-        (1.0, 0.80, 0.60),
-        (0.12, 0.15, 0.24),
-        (0.3, 0.22, 0.15),
-        (0.22, 0.22, 0.22),
-        (0.2, 0.15, 0.1),
+    "evening": Lighting(
+        key=(0.86, 0.60, 0.36),
+        fill=(0.06, 0.08, 0.14),
+        rim_left=(0.10, 0.08, 0.06),
+        rim_right=(0.26, 0.32, 0.52),
+        sky=(0.09, 0.11, 0.17),
+        ground=(0.07, 0.05, 0.04),
+    ),
+    "rim": Lighting(
+        key=(0.16, 0.16, 0.17),
+        fill=(0.08, 0.09, 0.10),
+        rim_left=(1.0, 0.92, 0.82),
+        rim_right=(1.0, 1.08, 1.18),
+        sky=(0.07, 0.08, 0.09),
+        ground=(0.04, 0.04, 0.04),
     ),
 }

@@ -10,10 +10,16 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from render.errors import InputError
+from sensors.types import InputError
+
+Floats = NDArray[np.float32]
+Doubles = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Shorts = NDArray[np.uint16]
+U32 = NDArray[np.uint32]
 
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)  # gaze of both eyes
-Density = Literal["16k", "32k"]  # Gaussians on a head, without its hair
+Density = Literal["16k", "32k", "65k"]  # Gaussians on a head, without its hair
 DEFAULT_BACKGROUND = (0.16, 0.16, 0.16)
 
 
@@ -30,6 +36,15 @@ FIELDS = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colors
 
 
 @dataclass(frozen=True)
+class Shine:
+    """What the first M Gaussians of a cloud mirror (`render/splats/shine.py`)."""
+
+    weights: NDArray[np.float32]  # [M, 4] of each lamp's light
+    roughness: NDArray[np.float32]  # [M] 0..1
+    lamps: NDArray[np.float32]  # [4, 3] linear light
+
+
+@dataclass(frozen=True)
 class Gaussians:
     """A cloud of coloured 3D Gaussians, in world space."""
 
@@ -38,6 +53,7 @@ class Gaussians:
     scales: NDArray[np.float32]  # [N, 3] mm, standard deviations along the local axes
     opacities: NDArray[np.float32]  # [N] 0..1
     colors: NDArray[np.float32]  # [N, 3] 0..1, sRGB values; blending is done in these values
+    shine: Shine | None = None  # on top of the colours: it depends on the viewer
 
     def __len__(self) -> int:
         return len(self.means)
@@ -64,6 +80,11 @@ class Camera:
     height: int  # px
     near_mm: float = 1.0  # Gaussians whose centre is nearer than this are not drawn
     background: tuple[float, float, float] = DEFAULT_BACKGROUND  # 0..1, sRGB values
+
+    @property
+    def position(self) -> NDArray[np.float64]:  # [3] mm
+        """Where the viewer is."""
+        return -self.viewmat[:3, :3].T @ self.viewmat[:3, 3]
 
 
 class Renderer(Protocol):

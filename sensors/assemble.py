@@ -19,15 +19,19 @@ from sensors.types import (
     AudioPacket,
     EmotionPacket,
     EyePacket,
+    HeadPacket,
+    HeadPose,
     InputError,
     Packet,
     SensorFrame,
 )
 
 EYE_TOLERANCE_NS = 100_000_000  # an older picture is held but no longer valid
+HEAD_TOLERANCE_NS = 150_000_000  # an older pose is held but no longer valid
 MAX_FILL = 10 * SAMPLE_RATE  # longer losses (a suspended machine) become 10 s of silence
 MAX_TIME_ERROR_NS = 2_000_000  # packet times may differ this much from the sample count
 MAX_WAITING_PICTURES = 128  # per eye, when no sound completes a frame; the oldest go first
+MAX_WAITING_POSES = 512
 
 
 class Assembler:
@@ -59,6 +63,8 @@ class Assembler:
         self._next_counter: list[int | None] = [None, None]
         self._wishes = deque[EmotionPacket](maxlen=MAX_WAITING_PICTURES)
         self._emotion = ""
+        self._poses = deque[HeadPacket](maxlen=MAX_WAITING_POSES)
+        self._pose: HeadPacket | None = None
 
     @property
     def partial_samples(self) -> int:
@@ -70,6 +76,8 @@ class Assembler:
             self._push_audio(packet)
         elif isinstance(packet, EmotionPacket):
             self._wishes.append(packet)
+        elif isinstance(packet, HeadPacket):
+            self._poses.append(packet)
         else:
             self._push_eye(packet)
 
@@ -129,9 +137,20 @@ class Assembler:
         eyes, valid, age_ns = self._eyes_at(t_ns)
         while self._wishes and self._wishes[0].t_ns <= t_ns:
             self._emotion = self._wishes.popleft().words
+        head, head_valid, head_age_ns = self._head_at(t_ns)
         self._frames.append(
             SensorFrame(
-                self._index, t_ns, self._audio, eyes, valid, age_ns, self._gap, self._emotion
+                index=self._index,
+                t_ns=t_ns,
+                audio=self._audio,
+                eyes=eyes,
+                eyes_valid=valid,
+                eyes_age_ns=age_ns,
+                audio_gap=self._gap,
+                emotion=self._emotion,
+                head=head,
+                head_valid=head_valid,
+                head_age_ns=head_age_ns,
             )
         )
         self._index += 1
@@ -156,6 +175,15 @@ class Assembler:
                 age_ns[eye] = t_ns - packet.t_ns
                 valid[eye] = age_ns[eye] <= self._eye_tolerance_ns
         return eyes, valid, age_ns
+
+    def _head_at(self, t_ns: int) -> tuple[HeadPose | None, bool, int]:
+        """Newest pose with time <= t_ns: pose, valid, age."""
+        while self._poses and self._poses[0].t_ns <= t_ns:
+            self._pose = self._poses.popleft()
+        if self._pose is None:
+            return None, False, -1
+        age_ns = t_ns - self._pose.t_ns
+        return self._pose.pose, self._pose.valid and age_ns <= HEAD_TOLERANCE_NS, age_ns
 
     def _time_at(self, position: int) -> int:
         return self._anchor_t_ns + (position - self._anchor_position) * NS // SAMPLE_RATE

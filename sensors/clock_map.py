@@ -6,8 +6,10 @@ smallest delays of the last seconds (the lower envelope) tie the two together, g
 """
 
 from collections import deque
+from typing import cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sensors.types import NS
 
@@ -91,5 +93,6 @@ class ClockMap:
         if len(self._buckets) < MIN_HISTORY:
             return
         points = np.array(self._buckets, np.int64)
-        x, y = (points - points[0]).T.astype(np.float64)
-        self._slope = float(np.polyfit(x / NS, y, 1)[0]) / NS
+        x, y = np.asarray((points - points[0]).T, np.float64)
+        line = cast(NDArray[np.float64], np.polyfit(x / NS, y, 1))
+        self._slope = float(line[0]) / NS

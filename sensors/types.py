@@ -52,7 +52,26 @@ class EmotionPacket:
     words: str
 
 
-Packet = AudioPacket | EyePacket | EmotionPacket
+@dataclass(frozen=True)
+class HeadPose:
+    """Where a head is: millimetres and a unit quaternion in the axes of the world, +x towards the
+    subject's left, +y up, +z forward. Positive turns: about x nods down, about y looks to the
+    subject's left, about z tilts towards the subject's right shoulder."""
+
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)  # mm
+    quat: tuple[float, float, float, float] = (1.0, 0.0, 0.0, 0.0)  # wxyz
+
+
+@dataclass(frozen=True)
+class HeadPacket:
+    """One pose as the tracker delivered it, in the axes of HeadPose and any origin."""
+
+    t_ns: int
+    pose: HeadPose
+    valid: bool = True  # False: the tracker says itself that it has lost the head
+
+
+Packet = AudioPacket | EyePacket | EmotionPacket | HeadPacket
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +86,9 @@ class SensorFrame:
     eyes_age_ns: NDArray[np.int64]  # [2] t_ns minus the picture's time; -1 where there is none
     audio_gap: bool  # True: some of `audio` is silence put in place of lost sound
     emotion: str = ""  # words of the newest EmotionPacket
+    head: HeadPose | None = None  # newest pose; None until the first
+    head_valid: bool = False  # that pose is fresh enough to be trusted
+    head_age_ns: int = -1  # t_ns minus the pose's time; -1 where there is none
 
 
 @dataclass(frozen=True)
@@ -76,8 +98,9 @@ class SourceInfo:
     name: str
     audio: bool = True
     eyes: tuple[int, ...] = ()  # the eye indices it can deliver
+    head: bool = False
     duration_ns: int | None = None  # None: live, unknown length
-    devices: Mapping[str, str] = field(default_factory=dict)  # stream -> device name
+    devices: Mapping[str, str] = field(default_factory=dict[str, str])  # stream -> device name
 
 
 class Source(Protocol):

@@ -1,4 +1,4 @@
-"""The streaming contract as one check (DESIGN 3): apply it to every Streamable.
+"""The streaming contract as one check (encoder/nn/streaming.py): apply it to every Streamable.
 
 step == forward for random chunkings, values and gradients; NaN in the future or in stale cache
 changes nothing; a saved state resumes exactly; the declared delay is the measured one.
@@ -13,7 +13,7 @@ from math import ceil
 import torch
 from torch import Tensor
 
-from encoder.streaming import State, Streamable
+from encoder.nn.streaming import State, Streamable
 
 TOLERANCE = {torch.float32: 1e-5, torch.float64: 1e-9}
 

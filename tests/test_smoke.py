@@ -5,13 +5,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from encoder.driver import DrivenFrame, Driver
+from encoder.driver import Driver
 from encoder.inference import load_driver
+from encoder.types import DrivenFrame
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
-from sensors.recording import Recording
-from sensors.replay import ReplaySource
-from sensors.session import replay_frames
+from sensors.session.files import replay_frames
+from sensors.session.recording import Recording
+from sensors.session.replay import ReplaySource
 from sensors.types import NS, SensorFrame
 
 SMOKE = Path(__file__).parent.parent / "recordings" / "smoke"

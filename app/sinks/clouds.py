@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from app.sinks.sink import FrameResult, RunInfo
-from render.decoder import Decoder
-from render.identity import Identity
+from app.drive.sink import FrameResult, RunInfo
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
 from render.types import Gaussians
 from sensors.types import InputError
 
@@ -33,7 +33,9 @@ class CloudSink:
     def on_frame(self, result: FrameResult) -> None:
         driven = result.driven
         if driven.index % self._every == 0:
-            _, gaussians = self._decoder.decode(driven.expression, driven.gaze, self._identity)
+            _, gaussians = self._decoder.decode(
+                driven.expression, driven.gaze, self._identity, driven.head, driven.breath
+            )
             self._save(self._folder / f"frame_{driven.index:06d}{self._suffix}", gaussians)
 
     def close(self) -> None:

@@ -7,10 +7,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sinks.arkit import ARKIT_NAMES, arkit
-from app.sinks.sink import FrameResult, RunInfo
-from render.decoder import Decoder
-from render.identity import Identity
+from app.drive.sink import FrameResult, RunInfo
+from app.face.arkit import ARKIT_NAMES, arkit
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
+from sensors import files
 from sensors.types import InputError
 
 
@@ -26,6 +27,7 @@ class MotionSink:
             )
         self._path, self._decoder, self._identity = path, decoder, identity
         self._frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
+        self._heads: list[tuple[float, ...]] = []
 
     def on_start(self, info: RunInfo) -> None:
         pass
@@ -33,9 +35,13 @@ class MotionSink:
     def on_frame(self, result: FrameResult) -> None:
         driven = result.driven
         self._frames.append((driven.t_ns, driven.expression, driven.gaze))
+        self._heads.append((*driven.head.position, *driven.head.quat, driven.breath))
 
     def close(self) -> None:
-        save_npz(self._path, motion_arrays(self._frames, self._decoder, self._identity))
+        arrays = motion_arrays(self._frames, self._decoder, self._identity)
+        heads = np.array(self._heads, np.float32).reshape(-1, 8)
+        head = {"head_mm": heads[:, :3], "head_quat": heads[:, 3:7], "breath": heads[:, 7]}
+        save_npz(self._path, {**arrays, **head})
 
 
 def motion_arrays(
@@ -64,7 +70,10 @@ def motion_arrays(
 
 def save_npz(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
     """np.savez without the time of day: equal arrays make equal files."""
-    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    with (
+        files.replacing(path, private=True) as draft,
+        zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
+    ):
         for name, array in arrays.items():
             data = BytesIO()
             np.lib.format.write_array(data, array, allow_pickle=False)

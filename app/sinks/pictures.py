@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from app.background import straight_alpha
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.background import straight_alpha
+from app.drive.sink import FrameResult, RunInfo
+from sensors import files
 from sensors.types import InputError
 
 
@@ -26,7 +27,8 @@ class PictureSink:
             if self._transparent:
                 pixels = straight_alpha(result.picture)
             picture = Image.fromarray(pixels)
-            picture.save(self._folder / f"frame_{index:06d}.png")
+            path = self._folder / f"frame_{index:06d}.png"
+            picture.save(files.create(path, private=True))
 
     def close(self) -> None:
         pass

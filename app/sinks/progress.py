@@ -1,6 +1,6 @@
 """A progress bar on the terminal."""
 
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.sink import FrameResult, RunInfo
 
 
 class ProgressSink:

@@ -3,13 +3,15 @@
 The file is written in fragments, so that what was written before a crash or a full disk plays.
 """
 
+from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.sink import FrameResult, RunInfo
+from sensors import files
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
 
 CONTAINERS = (".mp4", ".mkv", ".mov")
@@ -36,7 +38,7 @@ class VideoSink:
         import av
 
         options = {} if self._path.suffix == ".mkv" else {"movflags": "frag_keyframe+empty_moov"}
-        self._container = av.open(str(self._path), "w", options=options)
+        self._container = av.open(str(files.create(self._path, private=True)), "w", options=options)
         self._video = self._container.add_stream("libx264", rate=FPS)
         self._video.width, self._video.height = info.width, info.height
         self._video.pix_fmt = "yuv420p"
@@ -67,3 +69,23 @@ class VideoSink:
             self._container.mux(self._video.encode(None))
             self._container.mux(self._audio.encode(None))
         self._container.close()
+
+
+def film(path: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
+    """Pictures [H, W, 4] of one size, without sound, at FPS."""
+    import av
+
+    if path.suffix.lower() not in CONTAINERS:
+        known = ", ".join(CONTAINERS)
+        raise InputError(f"video: expected a name ending in {known}, got {path.name!r}; try .mp4")
+    with av.open(str(files.create(path)), "w") as container:
+        stream = None
+        for picture in pictures:
+            if stream is None:
+                stream = container.add_stream("libx264", rate=FPS)
+                stream.height, stream.width = picture.shape[:2]
+                stream.pix_fmt = "yuv420p"
+                stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgba")))
+        if stream is not None:
+            container.mux(stream.encode(None))

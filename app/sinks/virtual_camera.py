@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.sink import FrameResult, RunInfo
 from sensors.types import FPS, InputError
 
 MODPROBE = "sudo modprobe v4l2loopback exclusive_caps=1 card_label=livedrive"

@@ -10,7 +10,6 @@ import sys
 
 from app.web.info import ServerInfo
 from app.web.link import STATUS
-from render.errors import InputError as RenderInputError
 from sensors.types import InputError
 
 NICENESS = 10  # the tick goes first
@@ -30,7 +29,7 @@ def main() -> None:
     except ImportError as error:
         problem = f"web: expected aiohttp and cryptography, got {error}; "
         _fail(end, problem + "run: pip install livedrive[web]")
-    except (InputError, RenderInputError) as error:
+    except InputError as error:
         _fail(end, str(error))
     except OSError as error:
         what = error.strerror or str(error)

@@ -9,6 +9,8 @@ from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
+from sensors import files
+
 DAYS = 365
 NAMES_FILE, KEY_FILE = "web_certificate.pem", "web_key.pem"
 
@@ -21,11 +23,11 @@ def folder() -> Path:
 def ensure(where: Path, hosts: Sequence[str], now_s: float) -> tuple[Path, Path]:
     """Paths of certificate and key, made anew where missing, expired or for other hosts."""
     certificate, key = where / NAMES_FILE, where / KEY_FILE
-    if not (key.exists() and _is_good(certificate, hosts, now_s)):
+    if not (files.check_regular(key).exists() and _is_good(certificate, hosts, now_s)):
         where.mkdir(parents=True, exist_ok=True)
         names_pem, key_pem = _make(hosts, now_s)
-        _write_private(key, key_pem)
-        _write_private(certificate, names_pem)
+        files.write_bytes(key, key_pem, private=True)
+        files.write_bytes(certificate, names_pem, private=True)
     return certificate, key
 
 
@@ -33,7 +35,7 @@ def _is_good(path: Path, hosts: Sequence[str], now_s: float) -> bool:
     from cryptography import x509
 
     try:
-        found = x509.load_pem_x509_certificate(path.read_bytes())
+        found = x509.load_pem_x509_certificate(files.read_bytes(path))
         names = found.extensions.get_extension_for_class(x509.SubjectAlternativeName).value
     except (OSError, ValueError, x509.ExtensionNotFound):
         return False
@@ -74,10 +76,3 @@ def _general_name(host: str):  # noqa: ANN202
         return x509.IPAddress(ip_address(host))
     except ValueError:
         return x509.DNSName(host)
-
-
-def _write_private(path: Path, data: bytes) -> None:
-    """Write a file that only its owner can read."""
-    path.unlink(missing_ok=True)
-    with open(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
-        file.write(data)

@@ -2,7 +2,8 @@
 
     base:  the head at rest, once to a page     tick:  what differs from the base, 30 times a second
 
-No tick depends on another one, so any tick may be dropped. A Gaussian is four words:
+The head rests in both; a tick says how the neck moves it, and the receiver turns it in its own
+light. No tick depends on another one, so any tick may be dropped. A Gaussian is four words:
 
     word 0:  x 14 bits | y 14 | turn c, low 4 bits
     word 1:  z 14 bits | turn a 10 | turn b, low 8 bits
@@ -21,12 +22,17 @@ from numpy.typing import NDArray
 
 from app.web import packing
 from app.web.packing import POSITION_MAX, SCALE_MAX, TURN_MAX
+from render.splats.shine import colors_from
 from render.types import Gaussians
+from sensors.rotation import Vector
 
 BASE, TICK = 1, 2  # first byte of a message
 HEAD = struct.Struct("<BxxxI")  # kind, number of Gaussians
-RANGES = struct.Struct("<6f")  # low corner mm, step mm, lowest log2 of a scale, step
-STAMP = struct.Struct("<qqI4x")  # frame, t_ns, number of movers
+# Low corner mm, step mm, lowest log2 of a scale, step; between the eyes, from the mean face's, mm.
+RANGES = struct.Struct("<9f")
+STAMP = struct.Struct("<qqII")  # frame, t_ns, number of movers, bytes of the neck that follow
+STATIONS = 9  # of a neck, see render/decoder/neck.py: moves [9, 3, 4]; none: the head rests
+STILL = np.tile(np.eye(3, 4, dtype=np.float32), (STATIONS, 1, 1))
 MARGIN_MM = 40.0  # how far a Gaussian may leave the box of the head at rest
 MARGIN_SCALE = 1.0  # log2: how much thinner or wider than any at rest
 
@@ -41,14 +47,15 @@ class Ranges:
     step_mm: float
     low_scale: float  # log2 of mm
     step_scale: float
+    eyes_mm: Vector = (0.0, 0.0, 0.0)  # see render/decoder/neck.py: where the neck is
 
     @classmethod
-    def around(cls, rest: Gaussians) -> "Ranges":
+    def around(cls, rest: Gaussians, eyes_mm: Vector = (0.0, 0.0, 0.0)) -> "Ranges":
         low, high = rest.means.min(0) - MARGIN_MM, rest.means.max(0) + MARGIN_MM
         logs = np.log2(np.maximum(rest.scales, 1e-4))
         thin, wide = float(logs.min()) - MARGIN_SCALE, float(logs.max()) + MARGIN_SCALE
         step = float((high - low).max()) / POSITION_MAX
-        return cls(low, step, thin, (wide - thin) / SCALE_MAX)
+        return cls(low, step, thin, (wide - thin) / SCALE_MAX, eyes_mm)
 
 
 def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
@@ -56,7 +63,12 @@ def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
     words = np.empty((len(gaussians), 4), np.uint32)
     packing.pack_words(
         *(gaussians.means, gaussians.quats, gaussians.scales),
-        *(gaussians.opacities, gaussians.colors, ranges.low_mm, np.float32(1 / ranges.step_mm)),
+        *(
+            gaussians.opacities,
+            colors_from(gaussians),
+            ranges.low_mm,
+            np.float32(1 / ranges.step_mm),
+        ),
         *(np.float32(ranges.low_scale), np.float32(1 / ranges.step_scale), words),
     )
     return words
@@ -65,16 +77,25 @@ def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
 def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
     """The head at rest, with the ranges that all ticks share."""
     head = HEAD.pack(BASE, len(gaussians))
-    head += RANGES.pack(*ranges.low_mm, ranges.step_mm, ranges.low_scale, ranges.step_scale)
+    head += RANGES.pack(
+        *(*ranges.low_mm, ranges.step_mm, ranges.low_scale, ranges.step_scale, *ranges.eyes_mm)
+    )
     return head + pack(gaussians, ranges).tobytes()
 
 
-def tick_message(words: Words, base: Words, frame: int, t_ns: int) -> bytes:
-    """What differs from the base: which Gaussians, one bit each, then their words."""
+def tick_message(
+    words: Words, base: Words, frame: int, t_ns: int, neck: NDArray[np.float32] = STILL
+) -> bytes:
+    """How the neck moves [STATIONS, 3, 4]; what differs from the base: which Gaussians, one bit
+    each, then their words."""
     bits = np.empty(4 * -(-len(words) // 32), np.uint8)
     movers = np.empty_like(words)
     count = packing.find_movers(words, base, bits, movers)
-    head = HEAD.pack(TICK, len(words)) + STAMP.pack(frame, t_ns, count)
+    head = HEAD.pack(TICK, len(words)) + STAMP.pack(
+        frame, t_ns, count, 0 if neck is STILL else STILL.nbytes
+    )
+    if neck is not STILL:
+        head += neck.astype("<f4").tobytes()
     return head + bits.tobytes() + movers[:count].tobytes()
 
 
@@ -84,19 +105,25 @@ class CloudReader:
     def __init__(self) -> None:
         self.gaussians: Gaussians | None = None
         self.frame, self.t_ns = -1, 0
+        self.neck = STILL  # by which a receiver turns the head; `gaussians` are at rest
 
     def read(self, message: bytes) -> None:
         kind, count = HEAD.unpack_from(message)
         if kind == BASE:
-            *low, step, low_scale, step_scale = RANGES.unpack_from(message, HEAD.size)
-            self._ranges = Ranges(np.array(low, np.float32), step, low_scale, step_scale)
+            values = RANGES.unpack_from(message, HEAD.size)
+            low, eyes_mm = np.array(values[:3], np.float32), (values[6], values[7], values[8])
+            self._ranges = Ranges(low, values[3], values[4], values[5], eyes_mm)
             start = HEAD.size + RANGES.size
             words = np.frombuffer(message, "<u4", 4 * count, start)
             self._base = words.reshape(count, 4).astype(np.uint32)
             words = self._base
         else:
-            self.frame, self.t_ns, moved = STAMP.unpack_from(message, HEAD.size)
+            self.frame, self.t_ns, moved, turned = STAMP.unpack_from(message, HEAD.size)
             start, num_bytes = HEAD.size + STAMP.size, -(-count // 32) * 4
+            self.neck = STILL
+            if turned:
+                neck = np.frombuffer(message, "<f4", STILL.size, start)
+                self.neck, start = neck.reshape(STILL.shape), start + turned
             bits = np.frombuffer(message, np.uint8, num_bytes, start)
             mask = np.unpackbits(bits, bitorder="little", count=count).astype(bool)
             words = self._base.copy()

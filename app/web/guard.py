@@ -15,33 +15,40 @@ from aiohttp import hdrs, web
 
 from app.web.info import is_loopback
 
-COOKIE = "livedrive"
+COOKIE = "livedrive_{port}"  # cookies are shared by all ports of a host
 MAX_CONNECTIONS = 64
 ACCEPTS = 20.0  # new connections a second, with bursts of one second's worth
 BACKLOG = 32  # connections that may wait in the kernel
 HANDSHAKE_S = 5.0
 IDLE_S = 5.0  # a connection must have become a WebSocket by then
+NO_TOKEN = "The address lacks its token: open it as livedrive printed it.\n"
+FULL_S = 0.2  # pause when this machine has no descriptor or memory left for a connection
 Handler = Callable[[web.Request], Awaitable[web.StreamResponse]]
 
 
-def check(token: str | None):  # noqa: ANN201
+def check(token: str | None, port: int):  # noqa: ANN201
     """Middleware that refuses strangers; `token` None: the server is bound to loopback."""
+    cookie = COOKIE.format(port=port)
 
     @web.middleware
     async def middleware(request: web.Request, handler: Handler) -> web.StreamResponse:
-        host = urlsplit(f"//{request.host}").hostname or ""
+        try:
+            host = urlsplit(f"//{request.host}").hostname or ""
+            origin = request.headers.get(hdrs.ORIGIN)
+            site = None if origin is None else urlsplit(origin).netloc
+        except ValueError:
+            raise web.HTTPBadRequest(text="Host or Origin is no address.\n") from None
         if token is None and not is_loopback(host):
             raise web.HTTPForbidden(text="This server answers to localhost only.\n")
         if token is not None:
-            given = request.query.get("token") or request.cookies.get(COOKIE, "")
-            if not secrets.compare_digest(given.encode(), token.encode()):
-                raise web.HTTPForbidden(text="The address lacks its token: use it as printed.\n")
-        origin = request.headers.get(hdrs.ORIGIN)
-        if origin is not None and urlsplit(origin).netloc != request.host:
+            given = request.query.get("token") or request.cookies.get(cookie, "")
+            if not secrets.compare_digest(given.encode(errors="replace"), token.encode()):
+                raise web.HTTPForbidden(text=NO_TOKEN)
+        if site is not None and site != request.host:
             raise web.HTTPForbidden(text="Pages of other sites are refused.\n")
         response = await handler(request)
         if token is not None and not response.prepared:
-            response.set_cookie(COOKIE, token, httponly=True, secure=True, samesite="Strict")
+            response.set_cookie(cookie, token, httponly=True, secure=True, samesite="Strict")
         return response
 
     return middleware
@@ -61,7 +68,12 @@ class Doorman:
         loop = asyncio.get_running_loop()
         budget = Budget(ACCEPTS, loop.time())
         while True:
-            end, _ = await loop.sock_accept(self._listener)
+            try:
+                end, _ = await loop.sock_accept(self._listener)
+            except OSError:  # too many open files: those that wait stay in the kernel
+                self.refused += 1
+                await asyncio.sleep(FULL_S)
+                continue
             if len(self._server.connections) + len(self._greetings) >= MAX_CONNECTIONS:
                 self.refused += 1
                 end.close()

@@ -29,6 +29,11 @@ class Hub:
         for box in self._boxes:
             self.dropped += box.put(message)
 
+    def begin(self, message: bytes) -> None:
+        """All listeners get this next, and then what is posted from now on."""
+        for box in self._boxes:
+            box.begin(message)
+
     async def drain(self, patience_s: float) -> None:
         """Return when all boxes are empty, or when patience ends."""
         end = asyncio.get_running_loop().time() + patience_s
@@ -99,6 +104,7 @@ class _Box:
 
     def __init__(self, depth: int) -> None:
         self._waiting: deque[bytes] = deque(maxlen=depth)
+        self._first: bytes | None = None  # goes before all that waits
         self._filled = asyncio.Event()
 
     def __len__(self) -> int:
@@ -111,8 +117,18 @@ class _Box:
         self._filled.set()
         return full
 
+    def begin(self, message: bytes) -> None:
+        self._waiting.clear()
+        self._first = message
+        self._filled.set()
+
     async def get(self) -> bytes:
         await self._filled.wait()
+        if self._first is not None:
+            first, self._first = self._first, None
+            if not self._waiting:
+                self._filled.clear()
+            return first
         message = self._waiting.popleft()
         if not self._waiting:
             self._filled.clear()

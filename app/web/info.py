@@ -16,7 +16,9 @@ class ServerInfo:
     gaussians: Density = "32k"
     page: bool = True  # False: JSON only, for a `ws://` target
     microphone: bool = False  # the run listens to the page's microphone
+    head: bool = False  # ... and to its headset
     gains: str | None = None  # path of a gains file for the JSON
+    seats: int | None = None  # descriptor of a call's seats: partners are shown too
 
     @property
     def what(self) -> str:

@@ -1,6 +1,7 @@
 """The socket between the loop and the web server's process: ticks one way, sound the other.
 
-    loop -> WebSink -> Link ==socket==> server          page's microphone -> server ==> Link -> loop
+    loop -> WebSink -> ServerLink == socket ==> server
+    page's microphone -> server == socket ==> ServerLink -> loop
 
 Packets keep their borders (SOCK_SEQPACKET) and neither end ever waits: what does not fit is dropped
 and counted. When one end dies, the other reads the end of the stream.
@@ -16,8 +17,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.driver import DrivenFrame
-from render.decoder import EXPRESSION_DIM
+from encoder.types import DrivenFrame
+from render.decoder.decoder import EXPRESSION_DIM
+from sensors.types import HeadPose
 
 TICK = np.dtype(
     [
@@ -25,12 +27,17 @@ TICK = np.dtype(
         ("t_ns", "<i8"),
         ("expression", "<f4", (EXPRESSION_DIM,)),
         ("gaze", "<f4", (2, 3)),
+        ("position", "<f8", (3,)),  # of the head, mm
+        ("quat", "<f8", (4,)),  # wxyz
+        ("breath", "<f4"),
     ]
 )
-SOUND, STATUS = b"A", b"S"  # first byte of a packet from the server
+SOUND, STATUS, POSE = b"A", b"S", b"H"  # first byte of a packet from the server
 SOUND_HEAD = struct.Struct("<cqqq")  # kind, page number, first sample, arrival in ns
+POSE_HEAD = struct.Struct("<cq")  # kind, arrival in ns; then the page's message
 MAX_PACKET = 1 << 16
 MAX_SOUNDS = 256  # packets of 10 ms that wait for the loop; the oldest go first
+MAX_POSES = 256
 BUFFER = 1 << 19  # bytes the system may hold for the other end
 
 
@@ -47,20 +54,31 @@ def pack_tick(driven: DrivenFrame) -> bytes:
     tick = np.zeros((), TICK)
     tick["index"], tick["t_ns"] = driven.index, driven.t_ns
     tick["expression"], tick["gaze"] = driven.expression, driven.gaze
+    tick["position"], tick["quat"] = driven.head.position, driven.head.quat
+    tick["breath"] = driven.breath
     return tick.tobytes()
 
 
 def unpack_tick(packet: bytes) -> DrivenFrame:
     tick = np.frombuffer(packet, TICK)[0]
-    return DrivenFrame(int(tick["index"]), int(tick["t_ns"]), tick["expression"], tick["gaze"])
+    head = HeadPose(tuple(tick["position"].tolist()), tuple(tick["quat"].tolist()))
+    return DrivenFrame(
+        int(tick["index"]),
+        int(tick["t_ns"]),
+        tick["expression"],
+        tick["gaze"],
+        head,
+        float(tick["breath"]),
+    )
 
 
-class Link:
+class ServerLink:
     """The loop's end."""
 
     def __init__(self, end: socket.socket) -> None:
         self.status: dict[str, Any] = {}  # what the server last said of itself
         self.sounds: deque[tuple[int, int, int, NDArray[np.float32]]] = deque(maxlen=MAX_SOUNDS)
+        self.poses: deque[tuple[int, bytes]] = deque(maxlen=MAX_POSES)  # arrival ns, message
         self.dropped = 0  # ticks that the server was too slow for
         self.ended = False
         self._end = end
@@ -86,6 +104,9 @@ class Link:
                 _, page, first, arrival_ns = SOUND_HEAD.unpack_from(packet)
                 samples = np.frombuffer(packet, "<f4", offset=SOUND_HEAD.size)
                 self.sounds.append((page, first, arrival_ns, samples.astype(np.float32)))
+            elif packet[:1] == POSE:
+                _, arrival_ns = POSE_HEAD.unpack_from(packet)
+                self.poses.append((arrival_ns, packet[POSE_HEAD.size :]))
             elif packet[:1] == STATUS:
                 self.status |= json.loads(packet[1:])
             else:

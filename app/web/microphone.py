@@ -1,6 +1,6 @@
 """WebMicrophone: the headset page's microphone as a Source, with the losses of a local one counted.
 
-    page -> server's process -> Link -> WebMicrophone.poll -> LiveSource -> Assembler
+    page -> server's process -> ServerLink -> WebMicrophone.poll -> LiveSource -> Assembler
 
 The page counts its samples; a jump of the counter is sound that was lost on the way. Times come
 from the arrivals at the server, as for a local microphone (sensors/clock_map.py).
@@ -9,7 +9,7 @@ from the arrivals at the server, as for a local microphone (sensors/clock_map.py
 import numpy as np
 from numpy.typing import NDArray
 
-from app.web.link import Link
+from app.web.link import ServerLink
 from sensors.clock_map import ClockMap
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, Packet, SourceInfo
 
@@ -22,7 +22,7 @@ class WebMicrophone:
     info = SourceInfo("microphone of the page", devices={"audio": "web"})
     exhausted = False
 
-    def __init__(self, link: Link) -> None:
+    def __init__(self, link: ServerLink) -> None:
         self.problem = WAITING
         self.losses = 0  # times that sound was lost
         self.reopened = 0  # times that another page took over

@@ -1,6 +1,6 @@
 """Gaussians to words and words to movers, in one pass each: the layout is that of `cloud.py`.
 
-numba compiles on first use and keeps the result, as for `render/kernels.py`.
+numba compiles on first use and keeps the result, as for `render/decoder/kernels/surface.py`.
 """
 
 # pyright: reportUntypedFunctionDecorator=false

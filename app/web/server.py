@@ -1,15 +1,15 @@
 """The web server's process: one page, its stream of Gaussians, JSON, and the page's microphone.
 
-socket -> newest tick -> Head -> Hub -> WebSocket /head (Gaussians), /json (names)
+socket -> newest tick -> AvatarFeed -> Hub -> WebSocket /head (Gaussians), /json (names)
 WebSocket /microphone -> socket
 """
 
 import asyncio
 import json
 import mimetypes
-import secrets
 import socket
 import ssl
+import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -17,14 +17,16 @@ from typing import Any
 import psutil
 from aiohttp import hdrs, web
 
-from app.web import certificate
+from app.web import access, certificate
+from app.web.feed import AvatarFeed
 from app.web.guard import BACKLOG, Doorman, check
-from app.web.head import Head
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
 from app.web.link import MAX_PACKET, STATUS, unpack_tick
-from app.web.voice import Voice
-from encoder.driver import DrivenFrame
+from app.web.poses import PoseReceiver
+from app.web.voice import VoiceEndpoint
+from encoder.types import DrivenFrame
+from sensors.types import InputError
 
 PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
@@ -32,7 +34,9 @@ JSON_DEPTH = 30  # ticks that may wait for a program; for a page only the newest
 STATUS_S = 0.5
 SHUTDOWN_S = 0.5  # what still talks after that is cut off
 HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; connect-src 'self' {sockets}",
+    "Content-Security-Policy": (
+        "default-src 'self'; frame-ancestors 'none'; connect-src 'self' {sockets}"
+    ),
     "Permissions-Policy": "microphone=(self), xr-spatial-tracking=(self)",
     "Cache-Control": "no-store",
     "X-Content-Type-Options": "nosniff",
@@ -46,9 +50,9 @@ class WebServer:
     def __init__(self, info: ServerInfo, end: socket.socket) -> None:
         self._info, self._end = info, end
         self._listener = self._listen()
-        self._head = Head(info)
+        self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
-        self._voice = Voice(end)
+        self._voice, self._poses = VoiceEndpoint(end), PoseReceiver(end)
         self._newest: DrivenFrame | None = None
         self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
         self._assets = {p.name: p.read_bytes() for p in PAGE.iterdir() if p.is_file()}
@@ -56,8 +60,9 @@ class WebServer:
 
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
-        token = None if self._info.is_local else secrets.token_urlsafe(16)
-        app = web.Application(middlewares=[check(token)], client_max_size=1024)
+        token = None if self._info.is_local else access.ensure(certificate.folder())
+        port = self._listener.getsockname()[1]
+        app = web.Application(middlewares=[check(token, port)], client_max_size=1024)
         self._routes(app)
         runner = web.AppRunner(
             app, access_log=None, handle_signals=False, shutdown_timeout=SHUTDOWN_S
@@ -69,7 +74,7 @@ class WebServer:
         door = asyncio.create_task(self._door.work(tls))
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
-        self._tell(addresses=self._addresses(self._listener.getsockname()[1], token))
+        self._tell(addresses=self._addresses(port, token))
         while not ended.done():
             await asyncio.wait([ended], timeout=STATUS_S)
             self._tell(**self.counts())  # also once at the end
@@ -87,6 +92,7 @@ class WebServer:
             "skipped": self._clouds.dropped + self._names.dropped,
             "refused": self._door.refused,
             "microphone": self._voice.counts(),
+            "headset": self._poses.counts(),
         }
 
     def _routes(self, app: web.Application) -> None:
@@ -97,6 +103,8 @@ class WebServer:
             app.router.add_get("/offers", self._offers)
             if self._info.microphone:
                 app.router.add_get("/microphone", self._serve_voice)
+            if self._info.head:
+                app.router.add_get("/pose", self._serve_poses)
             app.router.add_get("/{name}", self._asset)
         else:
             app.router.add_get("/", self._serve_names)
@@ -115,7 +123,13 @@ class WebServer:
         hosts = [*self._hosts(), "localhost", "127.0.0.1", socket.gethostname()]
         paths = certificate.ensure(certificate.folder(), hosts, datetime.now(UTC).timestamp())
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
-        context.load_cert_chain(*paths)
+        try:
+            context.load_cert_chain(*paths)
+        except ssl.SSLError as error:
+            raise InputError(
+                f"web: expected a certificate and its key in {paths[0].parent}, got: "
+                f"{error.reason or error}; delete both files, and new ones are made"
+            ) from None
         return context
 
     def _hosts(self) -> list[str]:
@@ -130,7 +144,8 @@ class WebServer:
         scheme = ("http" if self._info.page else "ws") + ("s" if token else "")
         hosts = [self._info.host] if token is None else self._hosts()
         query = f"?token={token}" if token else ""
-        return [f"{scheme}://{host}:{port}/{query}" for host in hosts]
+        named = [f"[{host.strip('[]')}]" if ":" in host else host for host in hosts]
+        return [f"{scheme}://{host}:{port}/{query}" for host in named]
 
     def _read(self, ended: asyncio.Future[None]) -> None:
         """Take every waiting tick; all go to programs, only the newest to pages."""
@@ -154,7 +169,10 @@ class WebServer:
 
     def _newest_cloud(self, newest: DrivenFrame) -> bytes:
         if self._cloud[0] != newest.index:
-            self._cloud = (newest.index, self._head.cloud(newest))
+            base = self._head.base
+            self._cloud = (newest.index, self._head.cloud(newest, time.monotonic_ns()))
+            if self._head.base is not base:  # somebody has come to the call, or gone
+                self._clouds.begin(self._head.base)
         return self._cloud[1]
 
     async def _asset(self, request: web.Request) -> web.Response:
@@ -169,12 +187,12 @@ class WebServer:
         )
 
     async def _offers(self, _: web.Request) -> web.Response:
-        return web.json_response({"microphone": self._info.microphone})
+        offers = {"microphone": self._info.microphone, "head": self._info.head}
+        return web.json_response(offers)
 
     async def _serve_clouds(self, request: web.Request) -> web.StreamResponse:
-        first = [self._head.base]
-        if self._newest:
-            first.append(self._newest_cloud(self._newest))
+        newest = [self._newest_cloud(self._newest)] if self._newest else []
+        first = [self._head.base, *newest]
         return await self._stay(request, self._clouds.serve(request, first))
 
     async def _serve_names(self, request: web.Request) -> web.StreamResponse:
@@ -183,6 +201,9 @@ class WebServer:
 
     async def _serve_voice(self, request: web.Request) -> web.StreamResponse:
         return await self._stay(request, self._voice.serve(request))
+
+    async def _serve_poses(self, request: web.Request) -> web.StreamResponse:
+        return await self._stay(request, self._poses.serve(request))
 
     async def _stay(self, request: web.Request, serving: Any) -> web.StreamResponse:
         self._door.settle(request)

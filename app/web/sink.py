@@ -11,9 +11,9 @@ import sys
 from dataclasses import asdict
 from typing import Any
 
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.sink import FrameResult, RunInfo
 from app.web.info import ServerInfo
-from app.web.link import Link, pair
+from app.web.link import ServerLink, pair
 from sensors.types import NS, Clock, InputError
 
 START_S, END_S = 60, 10  # patience with a server that starts, or ends
@@ -25,12 +25,12 @@ class WebSink:
     def __init__(self, info: ServerInfo, clock: Clock) -> None:
         """Starts the server; `on_start` waits for it."""
         ours, theirs = pair()
-        self.link = Link(ours)
+        self.link = ServerLink(ours)
         self._info, self._clock, self._told = info, clock, False
         descriptor = theirs.fileno()
         self._process = subprocess.Popen(
             [sys.executable, "-m", "app.web", str(descriptor), json.dumps(asdict(info))],
-            pass_fds=[descriptor],
+            pass_fds=[descriptor, *([] if info.seats is None else [info.seats])],
             stdin=subprocess.DEVNULL,
         )
         theirs.close()
@@ -69,7 +69,7 @@ class WebSink:
         self.link.read()
         self.link.close()
 
-    def report(self) -> dict[str, Any]:
+    def network_report(self) -> dict[str, Any]:
         """{"page" or "json": what the server counted, and the ticks it was too slow for}."""
         status = {k: v for k, v in self.link.status.items() if k != "addresses"}
         return {"page" if self._info.page else "json": status | {"dropped": self.link.dropped}}

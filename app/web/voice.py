@@ -1,6 +1,7 @@
 """The page's microphone, as the server sees it: counted chunks of sound, passed on to the loop.
 
-page: AudioWorklet -> 480 samples -> WebSocket /microphone -> Voice -> socket -> WebMicrophone
+page: AudioWorklet -> 480 samples -> WebSocket /microphone -> VoiceEndpoint
+    -> socket -> WebMicrophone
 """
 
 import asyncio
@@ -22,7 +23,7 @@ MAX_CHUNKS = 200.0  # messages a second
 SILENT_S = 10.0  # a microphone that sends nothing for so long is let go
 
 
-class Voice:
+class VoiceEndpoint:
     """Takes one microphone at a time; what it sends is checked before it is passed on."""
 
     def __init__(self, end: socket.socket) -> None:

@@ -4,8 +4,7 @@ import json
 import signal
 import sys
 
-from app.window.shared import SharedMemory, WindowInfo
-from render.errors import InputError as RenderInputError
+from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import InputError
 
 
@@ -28,8 +27,8 @@ def main() -> None:
 
         screen = Screen(f"livedrive - {info.title}")
         window = Window(screen, memory, info)
-    except (InputError, RenderInputError) as error:
-        memory.wishes["error"] = str(error).encode()[:400]
+    except InputError as error:
+        memory.controls["error"] = str(error).encode()[:400]
         raise SystemExit(2) from None
     window.run()
 

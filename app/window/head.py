@@ -1,17 +1,22 @@
 """The head in the window: decodes, draws, and lays the picture over the background."""
 
+import time
+
 import moderngl
 import numpy as np
 from numpy.typing import NDArray
 
-from app.background import Fill, straight_alpha
-from app.window.layout import Rect
-from render import identity
+from app.call.table.company import Company
+from app.call.table.seats import Seats
+from app.drive.background import Fill, straight_alpha
+from app.window.state.layout import Rect
 from render.cameras import Orbit
-from render.contexts import GLContext
-from render.decoder import Decoder
-from render.renderer import wrap_context
+from render.decoder import identity
+from render.decoder.decoder import Decoder
+from render.gl.contexts import GLContext
+from render.splats.renderer import wrap_context
 from render.types import Density
+from sensors import rotation
 
 BLACK = (0.0, 0.0, 0.0)  # over black, colours come out premultiplied by coverage
 STILL_PX = 1024
@@ -19,13 +24,13 @@ MAX_PX = 2048
 Code = NDArray[np.float32]
 
 VERTEX = """
-#version 430
+#version 330
 void main() {
     gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }
 """
 FRAGMENT = """
-#version 430
+#version 330
 uniform sampler2D head;      // premultiplied
 uniform vec4 area;           // x, y, width, height in px from the upper left
 uniform float window_height; // px
@@ -62,9 +67,17 @@ void main() {
 class HeadView:
     """Owns the decoder, the identity and the renderer of the window."""
 
-    def __init__(self, context: GLContext, avatar: str, size: int, gaussians: Density) -> None:
+    def __init__(
+        self,
+        context: GLContext,
+        avatar: str,
+        size: int,
+        gaussians: Density,
+        seats: int | None = None,  # descriptor of a call's seats
+    ) -> None:
         self._context, self._size = context, size
         self.decoder = Decoder.load(gaussians=gaussians)
+        self.company = None if seats is None else Company(self.decoder, Seats(seats))
         self.identity = identity.load(avatar)
         self._renderer = wrap_context(context)
         gl = context.gl
@@ -76,13 +89,13 @@ class HeadView:
         if avatar != self.identity.name:
             self.identity = identity.load(avatar)
 
-    def draw(self, expression: Code, gaze: Code, orbit: Orbit, view: Rect) -> None:
+    def draw(self, expression: Code, gaze: Code, head: Code, orbit: Orbit, view: Rect) -> None:
         """Draw the head for a view of this size; a CPU draws fewer pixels and scales them up."""
         short = min(view.width, view.height)
         limit = self._size if self._context.software else MAX_PX
         share = min(1.0, limit / short)
         width, height = max(round(view.width * share), 1), max(round(view.height * share), 1)
-        picture = self._picture(expression, gaze, orbit, width, height)
+        picture = self._picture(expression, gaze, head, orbit, width, height)
         if self._texture.size != (width, height):
             self._texture.release()
             self._texture = self._context.gl.texture((width, height), 4)
@@ -115,14 +128,18 @@ class HeadView:
         self._triangle.render(moderngl.TRIANGLES, vertices=3)
         gl.screen.scissor = (0, 0, *window)
 
-    def still(self, expression: Code, gaze: Code, orbit: Orbit) -> NDArray[np.uint8]:
+    def still(self, expression: Code, gaze: Code, head: Code, orbit: Orbit) -> NDArray[np.uint8]:
         """A square picture [H, W, 4] with straight alpha and nothing behind the head."""
-        picture = self._picture(expression, gaze, orbit, STILL_PX, STILL_PX)
+        picture = self._picture(expression, gaze, head, orbit, STILL_PX, STILL_PX)
         return straight_alpha(picture)
 
     def _picture(
-        self, expression: Code, gaze: Code, orbit: Orbit, width: int, height: int
+        self, expression: Code, gaze: Code, head: Code, orbit: Orbit, width: int, height: int
     ) -> NDArray[np.uint8]:
-        _, gaussians = self.decoder.decode(expression, gaze, self.identity)
+        *numbers, breath = head.tolist()
+        pose = rotation.checked(numbers[:3], numbers[3:])
+        _, gaussians = self.decoder.decode(expression, gaze, self.identity, pose, breath)
+        if self.company is not None:
+            gaussians = self.company.around(gaussians, time.monotonic_ns())
         self._renderer.draw(gaussians, orbit.camera(width, height, BLACK))
         return self._renderer.read_rgba()

@@ -7,9 +7,9 @@ from typing import Any
 import glfw
 from imgui_bundle import imgui, implot
 
-from app.window.layout import MIN_SIZE, SIZE
-from app.window.theme import Fonts, load_fonts, set_style
-from render.contexts import GLContext, create_context
+from app.window.panels.theme import Fonts, load_fonts, set_style
+from app.window.state.layout import MIN_SIZE, SIZE
+from render.gl.contexts import GLContext, create_context
 from sensors.types import NS
 
 SOFTWARE_SHARE = 0.7  # of one core's time, at most, where the CPU draws the window
@@ -36,7 +36,7 @@ class Screen:
         self.fonts: Fonts = load_fonts()
         set_style(self.scale)
         imgui.backends.glfw_init_for_opengl(_address(self.window), True)
-        imgui.backends.opengl3_init("#version 430")
+        imgui.backends.opengl3_init("#version 330")
         if self.context.software:
             os.nice(5)  # the tick goes first
             glfw.swap_interval(0)  # nothing waits for this screen; `end` paces

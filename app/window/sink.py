@@ -12,16 +12,26 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
+from typing import Protocol
 
 import numpy as np
 
-from app.controls import Controls
-from app.sinks.sink import FrameResult, RunInfo
-from app.tape import Tape
-from app.window.shared import SharedMemory, WindowInfo
+from app.drive.controls import Controls
+from app.drive.sink import FrameResult, RunInfo
+from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import NS, Clock, InputError
 
 START_S, END_S = 30, 3  # patience with a window that opens, or closes
+
+
+class PanelTape(Protocol):
+    """What the record button starts and stops."""
+
+    wanted: bool
+
+    @property
+    def failed(self) -> bool: ...
+    def apply(self, wanted: Controls) -> None: ...
 
 
 class WindowSink:
@@ -32,31 +42,31 @@ class WindowSink:
         info: WindowInfo,
         clock: Clock,
         stage_ms: Callable[[], list[float]],  # what the tick before cost, in the order of STAGES
-        tape: Tape | None = None,  # what the record button starts and stops
+        tape: PanelTape | None = None,  # what the record button starts and stops
     ) -> None:
         """Starts to open the window; `on_start` waits for it."""
         self._info, self._clock, self._stage_ms, self._tape = info, clock, stage_ms, tape
         self._memory = SharedMemory()
         self._memory.clear()
-        self._memory.wishes["avatar"] = info.avatars.index(info.avatar)
+        self._memory.controls["avatar"] = info.avatars.index(info.avatar)
         name, _, intensity = info.emotion.partition(":")
         if name in info.emotions:
-            self._memory.wishes["emotion"] = info.emotions.index(name)
-            self._memory.wishes["intensity"] = float(intensity or 1)
-        self._memory.wishes["recording"] = tape is not None and tape.wanted
+            self._memory.controls["emotion"] = info.emotions.index(name)
+            self._memory.controls["intensity"] = float(intensity or 1)
+        self._memory.controls["recording"] = tape is not None and tape.wanted
         descriptor = self._memory.descriptor
         self._process = subprocess.Popen(
             [sys.executable, "-m", "app.window", str(descriptor), json.dumps(asdict(info))],
-            pass_fds=[descriptor],
+            pass_fds=[descriptor, *([] if info.seats is None else [info.seats])],
             stdin=subprocess.DEVNULL,
         )
         self._crashed = False
 
     def on_start(self, info: RunInfo) -> None:
-        wishes, start_ns = self._memory.wishes, self._clock.now_ns()
-        while not wishes["ready"]:
+        controls, start_ns = self._memory.controls, self._clock.now_ns()
+        while not controls["ready"]:
             if self._process.poll() is not None:
-                reason = bytes(wishes["error"]).decode() or "the window process crashed"
+                reason = bytes(controls["error"]).decode() or "the window process crashed"
                 raise InputError(f"--window: {reason}; `livedrive run --headless` needs no screen")
             if self._clock.now_ns() > start_ns + START_S * NS:
                 raise InputError(
@@ -75,41 +85,43 @@ class WindowSink:
             posted_ns=self._clock.now_ns(),
             expression=driven.expression,
             gaze=driven.gaze,
+            head=(*driven.head.position, *driven.head.quat, driven.breath),
             level=(np.sqrt(np.mean(sound * sound)), np.abs(sound).max()),
             audio_gap=sensors.audio_gap,
             eyes_valid=sensors.eyes_valid,
             eyes_age_ms=np.where(sensors.eyes_age_ns < 0, -1, sensors.eyes_age_ns / 1e6),
             eyes=0 if empty else sensors.eyes,
+            eye_frames=0 if driven.eye_frames is None else driven.eye_frames,
             stage_ms=self._stage_ms(),
             dropped=result.dropped,
         )
 
     def read(self) -> Controls:
-        """The wishes of the person at the window. A crashed window wishes nothing new."""
-        wishes, info = self._memory.wishes, self._info
-        if not self._crashed and not wishes["closed"] and self._process.poll() is not None:
+        """What the person at the window asks for. A crashed window asks for nothing new."""
+        controls, info = self._memory.controls, self._info
+        if not self._crashed and not controls["closed"] and self._process.poll() is not None:
             self._crashed = True
             print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
         if self._tape is not None and self._tape.failed:
-            wishes["recording"] = False  # the button shows it
-        emotion = info.emotions[int(wishes["emotion"])] if wishes["emotion"] >= 0 else None
-        if emotion and wishes["intensity"] < 1:
-            emotion += f":{wishes['intensity']:.2f}"
+            controls["recording"] = False  # the button shows it
+        emotion = info.emotions[int(controls["emotion"])] if controls["emotion"] >= 0 else None
+        if emotion and controls["intensity"] < 1:
+            emotion += f":{controls['intensity']:.2f}"
         wanted = Controls(
-            avatar=info.avatars[int(wishes["avatar"])],
+            avatar=info.avatars[int(controls["avatar"])],
             emotion=emotion,
-            muted=bool(wishes["muted"]),
-            recording=bool(wishes["recording"]),
-            recentred=int(wishes["recentred"]),
-            resets=int(wishes["resets"]),
-            closed=bool(wishes["closed"]),
+            muted=bool(controls["muted"]),
+            recording=bool(controls["recording"]),
+            recentred=int(controls["recentred"]),
+            resets=int(controls["resets"]),
+            closed=bool(controls["closed"]),
         )
         if self._tape is not None:
-            self._tape.obey(wanted)
+            self._tape.apply(wanted)
         return wanted
 
     def close(self) -> None:
-        self._memory.wishes["ending"] = True
+        self._memory.controls["ending"] = True
         try:
             self._process.wait(END_S)
         except subprocess.TimeoutExpired:

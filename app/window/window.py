@@ -1,7 +1,7 @@
 """What happens in the window, picture by picture.
 
-shared ticks -> Motion -> decode -> draw -> background, panels -> screen
-             -> History -> sidebar          wishes -> loop
+shared ticks -> Interpolation -> decode -> draw -> background, panels -> screen
+             -> History -> sidebar          controls -> loop
 """
 
 import os
@@ -12,20 +12,23 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
-from app.window import actions, overlay, sidebar
-from app.window.eyes import EyeMarks
 from app.window.head import Code, HeadView
-from app.window.layout import Rect, arrange
+from app.window.panels import overlay, sidebar
+from app.window.panels.eyes import EyeMarks
 from app.window.screen import Screen
-from app.window.shared import SharedMemory, WindowInfo
-from app.window.state import State
+from app.window.state import actions
+from app.window.state.interpolation import AT_REST
+from app.window.state.layout import Rect, arrange
+from app.window.state.shared import SharedMemory, WindowInfo
+from app.window.state.window_state import State
 from render.cameras import Orbit
 from render.types import AHEAD
+from sensors import files
 from sensors.types import EYE_SIZE
 
 DEGREES_PER_PX, ZOOM_PER_STEP = 0.35, 1.1
 CHROME_S = 2.5  # with hidden panels the toolbar shows this long after the mouse has moved
-REST: tuple[Code, Code] = np.zeros(256, np.float32), AHEAD
+REST: tuple[Code, Code, Code] = np.zeros(256, np.float32), AHEAD, AT_REST
 
 
 class Window:
@@ -33,9 +36,9 @@ class Window:
 
     def __init__(self, screen: Screen, memory: SharedMemory, info: WindowInfo) -> None:
         self._screen, self._memory = screen, memory
-        self.state = State(info, memory.wishes, recording=bool(memory.wishes["recording"]))
+        self.state = State(info, memory.controls, recording=bool(memory.controls["recording"]))
         self.state.choose_background(info.background)
-        self._head = HeadView(screen.context, info.avatar, info.size, info.gaussians)
+        self._head = HeadView(screen.context, info.avatar, info.size, info.gaussians, info.seats)
         self._marks = EyeMarks(self._head.decoder, self._head.identity)
         self._toolbar = actions.toolbar(info.can_record)
         self._number = -1  # of the newest tick
@@ -47,14 +50,14 @@ class Window:
 
     def run(self) -> None:
         """Until the run ends, the window is closed, or the loop is gone."""
-        screen, wishes, parent = self._screen, self.state.wishes, os.getppid()
-        while not wishes["ending"] and os.getppid() == parent:
+        screen, controls, parent = self._screen, self.state.controls, os.getppid()
+        while not controls["ending"] and os.getppid() == parent:
             self._take_ticks()
             self.picture()
-            wishes["frames"] += 1
-            wishes["ready"] = True
+            controls["frames"] += 1
+            controls["ready"] = True
             if screen.closing:
-                wishes["closed"] = True
+                controls["closed"] = True
                 break
         screen.close()
 
@@ -70,6 +73,8 @@ class Window:
         if state.panels or state.still_s < CHROME_S:
             overlay.title(state, screen.fonts, layout.title)
             overlay.status(state, screen.fonts, layout.status)
+            if self._head.company is not None:
+                overlay.call(self._head.company.lines, screen.fonts, layout.title)
             for name in overlay.toolbar(state, screen.fonts, layout, self._toolbar):
                 self.perform(name)
         overlay.toast(state, screen.fonts, layout.toast)
@@ -82,20 +87,20 @@ class Window:
         state.hz = screen.hz
 
     def perform(self, name: str) -> None:
-        """Do an action of app.window.actions."""
-        state, wishes = self.state, self.state.wishes
+        """Do an action of app.window.state.actions."""
+        state, controls = self.state, self.state.controls
         if name in ("mirror", "panels", "help"):
             setattr(state, name, not getattr(state, name))
         elif name == "mute":
-            wishes["muted"] = not wishes["muted"]
+            controls["muted"] = not controls["muted"]
         elif name == "record" and state.info.can_record:
-            wishes["recording"] = state.recording = not wishes["recording"]
+            controls["recording"] = state.recording = not controls["recording"]
             state.recording_from = state.history.frames
         elif name == "recentre":
             state.orbit = Orbit()
-            wishes["recentred"] += 1
+            controls["recentred"] += 1
         elif name == "restart":
-            wishes["resets"] += 1
+            controls["resets"] += 1
             state.say("The head starts anew")
         elif name == "picture":
             self._save_picture()
@@ -117,17 +122,17 @@ class Window:
 
     def _take_ticks(self) -> None:
         state = self.state
-        if state.recording and not state.wishes["recording"]:  # the loop took it back
+        if state.recording and not state.controls["recording"]:  # the loop took it back
             state.recording = False
             state.say("The recording has stopped: the disk is full, too slow or read-only")
         ticks = self._memory.ticks_after(self._number)
         for tick in ticks:
             state.history.add(tick)
             moments = int(tick["t_ns"]), int(tick["posted_ns"])
-            state.motion.push(*moments, tick["expression"], tick["gaze"])
+            state.motion.push(*moments, tick["expression"], tick["gaze"], tick["head"])
         if ticks:
             self._number = int(ticks[-1]["number"])
-            state.wishes["shown"] = ticks[-1]["index"]
+            state.controls["shown"] = ticks[-1]["index"]
             for texture, picture in zip(self._eyes, state.history.eyes, strict=True):
                 texture.write(picture)
 
@@ -143,7 +148,7 @@ class Window:
         cost_ms = (time.monotonic_ns() - began_ns) / 1e6
         state.draw_ms += (cost_ms - state.draw_ms) * (0.1 if state.draw_ms else 1.0)
         head.show(view, window, state.fill, state.mirror, self._screen.see_through)
-        return shown if self._number >= 0 else None
+        return shown[:2] if self._number >= 0 else None
 
     def _hand(self, view: Rect) -> None:
         """Turn, move and zoom with the mouse, where no panel wants it."""
@@ -175,7 +180,7 @@ class Window:
             picture = picture[:, ::-1]
         path = free_name(Path.cwd(), f"livedrive-{state.avatar}")
         try:
-            Image.fromarray(picture).save(path)
+            Image.fromarray(picture).save(files.create(path))
             state.say(f"Saved {path.name} in {path.parent}")
         except OSError as error:
             state.say(f"No picture: {error.strerror or error}")

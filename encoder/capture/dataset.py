@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 import soxr
 
-from encoder.capture.channels import RIG_NAMES, TONGUE_NAMES
+from encoder.capture.motion.channels import RIG_NAMES, TONGUE_NAMES
+from sensors import files
 from sensors.types import SAMPLE_RATE, InputError
 
 PACK_RATE = 24_000  # what the compact audio encoder hears
@@ -91,18 +92,17 @@ def write_shard(path: Path, clips: list[Clip], **subject: Any) -> dict[str, Any]
     The entry is also kept in the folder, written last: a folder without it is unfinished.
     """
     path.mkdir(parents=True, exist_ok=True)
-    np.save(path / "audio_24k.npy", np.concatenate([c.audio for c in clips]))
+    np.save(files.create(path / "audio_24k.npy"), np.concatenate([c.audio for c in clips]))
     arrays: dict[str, Any] = {n: np.concatenate([getattr(c, n) for c in clips]) for n in _CURVES}
     arrays["spans"] = np.concatenate([c.spans for c in clips])
-    np.savez_compressed(path / "motion.npz", **arrays)
+    np.savez_compressed(files.create(path / "motion.npz"), **arrays)
     rows = [
         {"frames": c.num_frames, "phones": len(c.spans)} | {n: getattr(c, n) for n in _LABELS}
         for c in clips
     ]
     entry = {"file": path.name, **subject, "clips": rows}
-    unfinished = path / "subject.json.part"
-    unfinished.write_text(json.dumps(entry, indent=1, ensure_ascii=False))
-    unfinished.rename(path / "subject.json")
+    text = json.dumps(entry, indent=1, ensure_ascii=False)
+    files.write_text(path / "subject.json", text)
     return entry
 
 
@@ -126,7 +126,8 @@ def write_manifest(
         "counts": counts(shards),
         "shards": [{k: v for k, v in shard.items() if k != "clips"} for shard in shards],
     }
-    (folder / "manifest.json").write_text(json.dumps(manifest, indent=1, ensure_ascii=False))
+    text = json.dumps(manifest, indent=1, ensure_ascii=False)
+    files.write_text(folder / "manifest.json", text)
 
 
 def counts(shards: list[dict[str, Any]]) -> dict[str, Any]:

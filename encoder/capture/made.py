@@ -9,17 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from encoder.capture import emotion as emotions
-from encoder.capture.channels import RIG_NAMES
-from encoder.capture.contacts import LipGeometry
-from encoder.capture.corpus import freeform, sentences
 from encoder.capture.dataset import Clip, make_clip
-from encoder.capture.languages import TEXTS
-from encoder.capture.motion import frame_times, speech_curves, upper_face
-from encoder.capture.phones import PHONE_INDEX, Phone, Speech, pack_phones
-from encoder.capture.speech import Espeak
-from encoder.capture.style import Style
-from encoder.capture.voices import Voice, draw_voice, speak
+from encoder.capture.motion.channels import RIG_NAMES
+from encoder.capture.motion.contacts import LipGeometry
+from encoder.capture.motion.rules import frame_times, speech_curves
+from encoder.capture.motion.style import Style
+from encoder.capture.motion.upper_face import upper_face
+from encoder.capture.speech.corpus import freeform, sentences
+from encoder.capture.speech.languages import TEXTS
+from encoder.capture.speech.phones import PHONE_INDEX, Phone, Speech, pack_phones
+from encoder.capture.speech.synthesis import Espeak
+from encoder.capture.speech.voices import Voice, draw_voice, speak
+from encoder.emotion.labels import LABELS
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 # shares of a subject's time; the paper's capture is about 5 minutes freeform, 1.7 of sentences
@@ -110,14 +111,14 @@ def subject_takes(
     """A subject's takes: freeform, sentences, emotions in turn and rest, `seconds` in all."""
     rng = np.random.default_rng(seed)
     who = Speaker(draw_voice(split, rng), Style.draw(rng), lips, split)
-    espeak, mood = Espeak(), int(rng.integers(len(emotions.LABELS)))
+    espeak, mood = Espeak(), int(rng.integers(len(LABELS)))
     for kind, share in SHARES.items():
         left = share * seconds
         while left > 0:
             if kind == "rest":
                 made = rest_take(float(rng.uniform(4, 9)), split, rng)
             else:
-                label = emotions.LABELS[mood % len(emotions.LABELS)] if kind == "emotion" else ""
+                label = LABELS[mood % len(LABELS)] if kind == "emotion" else ""
                 mood += kind == "emotion"
                 made = _speech_take(kind, label or "neutral", who, espeak, rng)
             left -= made.clip.num_frames / FPS

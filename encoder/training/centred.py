@@ -1,4 +1,4 @@
-"""The ablation's audio encoder: as `compact`, but it looks half a second ahead (wav2vec 2.0 style).
+"""The ablation's audio encoder: as `phonetic`, but it looks half a second ahead.
 
 Same layers, same size, same names; every convolution is centred instead of causal. It cannot run
 live: `fed_causally` shows what happens if one tries (paper, table 2).
@@ -8,8 +8,8 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from encoder.audio_encoder import AudioEncoder, RunningNorm
-from encoder.streaming import State
+from encoder.audio.encoder import AudioEncoder, RunningNorm
+from encoder.nn.streaming import State
 
 HISTORY_FRAMES = 30  # of sound a live tick re-reads: more than the network's reach to the past
 
@@ -17,16 +17,9 @@ HISTORY_FRAMES = 30  # of sound a live tick re-reads: more than the network's re
 class CentredEncoder(AudioEncoder):
     """Waveform [B, T, 1] -> features [B, T / stride, width]; the whole clip at once."""
 
-    def hidden(
-        self, x: Tensor, state: State, mask: tuple[Tensor, Tensor] | None = None
-    ) -> tuple[Tensor, Tensor, State]:
-        """As in AudioEncoder. mask: places [B, N] bool and the vector [C] that hides them."""
-        x, latents = x.transpose(1, 2), x
+    def layered(self, x: Tensor, state: State) -> tuple[Tensor, State]:
+        x = x.transpose(1, 2)
         for i, (conv, norm) in enumerate(self.layers()):
-            if i == len(self.convs):
-                latents = x
-                if mask is not None:
-                    x = torch.where(mask[0][:, None], mask[1][:, None], x)
             left = conv.context // 2
             padded = functional.pad(x, (left, conv.context - left))
             y = functional.conv1d(padded, conv.weight, conv.bias, conv.stride, 0, conv.dilation)
@@ -35,7 +28,7 @@ class CentredEncoder(AudioEncoder):
             else:
                 y = norm(y)
             x = self.join(i, x, functional.relu(y))
-        return latents.transpose(1, 2), x.transpose(1, 2), state
+        return x.transpose(1, 2), state
 
 
 @torch.no_grad()

@@ -1,6 +1,6 @@
 """L_geom: velocity and jitter of face vertices (paper section 4.1.2); the lips' spread and contact.
 
-The frozen decoder comes from the app as a `Face`; nothing here knows render.
+The frozen decoder comes from the app as a `TrainingFace`; nothing here knows render.
 """
 
 from collections.abc import Callable
@@ -20,7 +20,7 @@ JITTER_FLOOR_MM = 0.5  # per frame^3; 0.5 mm is what a jaw of 5 mm swings at 2 H
 
 
 @dataclass(frozen=True)
-class Face:
+class TrainingFace:
     """The frozen decoder, as far as training needs it."""
 
     rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]

@@ -20,6 +20,7 @@ from torch import Tensor, nn
 from tqdm import tqdm
 
 from encoder.training import parallel
+from sensors import files
 from sensors.types import InputError
 
 SAVE_SECONDS = 60.0
@@ -29,7 +30,7 @@ StepLosses = Callable[[int, np.random.Generator], Losses]  # (step, its random s
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class RunSettings:
     """How a stage runs, whatever it trains."""
 
     state: Path  # without suffix
@@ -128,13 +129,9 @@ class _State:
                 tensors[f"optimizer/{index}/{name}"] = tensor
         words = json.dumps({"step": self.step, "smooth": self.smooth, "curve": self.curve})
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(".partial")
-        save_file(
-            {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()},
-            partial,
-            {"run": words},
-        )
-        partial.replace(path)
+        tensors = {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()}
+        with files.replacing(path) as draft:
+            save_file(tensors, draft, {"run": words})
 
     def load(self, path: Path) -> None:
         try:
@@ -169,7 +166,7 @@ def train(
     *,
     steps: int,
     rate: float,
-    run: Run,
+    run: RunSettings,
 ) -> tuple[dict[str, float], Curve]:
     """AdamW on the "total" of `step_losses` up to `steps`; leaves the averages in `modules`.
 

@@ -1,35 +1,89 @@
-// Shading of render/lighting.py, per pixel.
-#version 430
+// Shading of render/lighting.py, per pixel, and what it mirrors, of skin with its fine relief.
+#version 330
+in vec3 v_position;
 in vec3 v_normal;
 in vec2 v_uv;
 in vec3 v_color;
-in vec2 v_light_seen;
+in vec4 v_seen;
 flat in int v_kind;
 uniform sampler2D skin;
 uniform sampler2D eye;
-uniform sampler2D lashes;
-uniform vec3 light_key, light_fill, light_rim, light_sky, light_ground;
-uniform float bounce;
-uniform vec3 to_key, to_fill, to_rim, to_half, wrap;
+uniform sampler2D relief;  // of the face's half of the atlas: height mm, oil, roughness
+uniform vec3 viewer;       // mm
+uniform vec3 towards[4], lamps[4];  // key, fill, rims left and right
+uniform float half_widths[4];
+uniform vec3 sky, ground, wrap, bleed, bounce;
+uniform float film[5];
+uniform bool mirrors;  // else matte
 out vec4 fragment;
 
-vec3 wrapped(float cosine) { return max((vec3(cosine) + wrap) / (1.0 + wrap), 0.0); }
+const vec2 PLAIN = vec2(0.40, 0.50);  // oil and roughness off the face
+const vec2 WET = vec2(1.1, 0.28), TOOTH = vec2(1.3, 0.20);
+const float STEEPEST = 0.55, SKIN_F0 = 0.028, SPREAD = 0.5;
+const float BOX_EDGE = 0.05, BOX_LIGHT = 40.0;  // in an eye
+const vec2 BOX = vec2(0.14, 0.18);
+
+vec3 bled(float share) { return share * (1.0 + bleed * (1.0 - share)); }
+
+// The normal under a height map, from differences between neighbouring pixels (Mikkelsen 2010).
+vec3 bumped(vec3 n, float height) {
+    vec3 across = dFdx(v_position), down = dFdy(v_position);
+    vec3 r1 = cross(down, n), r2 = cross(n, across);
+    float det = dot(across, r1);
+    vec3 slope = sign(det) * (dFdx(height) * r1 + dFdy(height) * r2) / max(abs(det), 1e-6);
+    float steep = length(slope);
+    return normalize(n - slope * min(1.0, STEEPEST / max(steep, 1e-6)));
+}
+
+// Karis' fit of GGX with visibility and Fresnel, for a lamp as wide as `spread`; times pi.
+float mirrored(vec3 n, vec3 v, vec3 l, float rough, float f0) {
+    vec3 h = normalize(l + v);
+    float nh = max(dot(n, h), 0.0), lh = max(dot(l, h), 0.0), nl = max(dot(n, l), 0.0);
+    float a2 = rough * rough * rough * rough, d = nh * nh * (a2 - 1.0) + 1.0;
+    float fresnel = f0 + (1.0 - f0) * pow(1.0 - lh, 5.0);
+    return a2 / (d * d) * fresnel * nl / (4.0 * max(lh * lh, 0.1) * (rough + 0.5));
+}
+
+// What an eye's wet surface mirrors: the key light as a box.
+vec3 box(vec3 n, vec3 v) {
+    vec3 r = reflect(-v, n), side = normalize(cross(towards[0], vec3(0.0, 1.0, 0.0)));
+    float front = dot(r, towards[0]);
+    vec2 at = abs(vec2(dot(r, side), dot(r, cross(side, towards[0])))) / max(front, 0.01);
+    vec2 inside = step(0.0, front) * clamp((BOX - at) / BOX_EDGE, 0.0, 1.0);
+    float fresnel = 0.022 + 0.978 * pow(1.0 - max(dot(n, v), 0.0), 5.0);
+    return inside.x * inside.y * v_seen.y * lamps[0] * fresnel * BOX_LIGHT;
+}
 
 void main() {
-    vec3 n = normalize(v_normal);
-    if (v_kind == 4) {
-        fragment = vec4(v_color, 0.9 * texture(lashes, v_uv).r);
-        return;
-    }
+    vec3 n = normalize(v_normal), v = normalize(viewer - v_position);
     vec3 albedo = v_color;
-    if (v_kind == 0) albedo *= texture(skin, v_uv * vec2(0.5, 1.0)).rgb;
+    vec2 surface = v_kind == 3 ? TOOTH : v_kind == 2 ? WET : PLAIN;
+    vec3 micro = n;
+    if (v_kind == 0) {
+        albedo *= texture(skin, v_uv * vec2(0.5, 1.0)).rgb;
+        vec4 map = texture(relief, v_uv);
+        vec3 under = bumped(n, map.x);
+        if (v_uv.x < 1.0) surface = map.yz, micro = under;
+    }
     if (v_kind == 1) albedo *= texture(eye, v_uv).rgb;
-    vec3 light = mix(light_ground, light_sky, 0.5 * n.y + 0.5);
-    light += wrapped(dot(n, to_fill)) * light_fill + wrapped(dot(n, to_rim)) * light_rim;
-    light = light * (bounce + (1.0 - bounce) * v_light_seen.x) + wrapped(dot(n, to_key)) * light_key * v_light_seen.y;
-    float facing = pow(max(dot(n, to_half), 0.0), 16.0);
-    float shine = v_kind == 0 ? 0.045 * facing : 0.10 * pow(facing, 4.0);
-    if (v_kind == 1) shine = 0.02 * facing + 0.95 * pow(facing, 16.0);  // the cornea's highlight
-    vec3 linear = albedo * albedo * light + shine * v_light_seen.y;
-    fragment = vec4(sqrt(clamp(linear, 0.0, 1.0)), 1.0);
+    float shares[4] = float[4](v_seen.y, v_seen.x, v_seen.z, v_seen.w);
+    vec3 light = mix(ground, sky, 0.5 * n.y + 0.5) * (bounce + (1.0 - bounce) * bled(v_seen.x));
+    for (int k = 0; k < 4; k++) {
+        vec3 lit = max((vec3(dot(n, towards[k])) + wrap) / (1.0 + wrap), 0.0) * lamps[k];
+        light += lit * (k == 1 ? bounce + (1.0 - bounce) * bled(shares[k]) : bled(shares[k]));
+    }
+    vec3 linear = albedo * albedo * light;
+    if (mirrors && v_kind != 1) {
+        float f0 = v_kind == 3 ? 0.045 : SKIN_F0;
+        for (int k = 0; k < 4; k++) {
+            float soft = SPREAD * half_widths[k];
+            float wide = mirrored(micro, v, towards[k], min(surface.y + soft, 1.0), f0);
+            float tight = mirrored(micro, v, towards[k], 0.55 * surface.y + soft, f0);
+            linear += (0.7 * wide + 0.3 * tight) * surface.x * shares[k] * lamps[k];
+        }
+    }
+    if (mirrors && v_kind == 1) linear += box(n, v);
+    vec3 x = max(linear, 0.0);
+    x = x * (film[0] * x + film[1]) / (x * (film[2] * x + film[3]) + film[4]);
+    fragment = vec4(sqrt(clamp(x, 0.0, 1.0)), 1.0);
 }

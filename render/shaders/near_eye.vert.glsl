@@ -1,4 +1,4 @@
-#version 430
+#version 330
 // Skin, eyeball and hair of the near-eye pictures; all in eye space (mm, origin = eyeball centre).
 // The lamps' diffuse light is summed here: the meshes are fine enough, and llvmpipe is slow.
 uniform mat4 to_clip;

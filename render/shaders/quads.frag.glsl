@@ -1,5 +1,5 @@
 // Premultiplied colour of one splat at one pixel; blended back to front by the fixed pipeline.
-#version 430
+#version 330
 in vec2 uv;
 flat in vec4 color;
 out vec4 premultiplied;

@@ -1,6 +1,5 @@
 // One splat an instance: the parallelogram |u| <= R, |v| <= R around the ellipse u^2 + v^2 <= R^2.
-layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };
-layout(std430, binding = 1) readonly buffer Order { uint order[]; };  // farthest first
+in uvec4 words;  // instances come farthest first
 
 uniform vec2 size;  // px
 
@@ -8,7 +7,7 @@ out vec2 uv;
 flat out vec4 color;  // rgb, log2 of the opacity
 
 void main() {
-    Splat splat = unpack(splats[order[gl_InstanceID]]);
+    Splat splat = unpack(words);
     float radius = sqrt(splat.log2_opacity + FAINTEST);
     uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID >> 1) * 2 - 1);
     float dy = uv.y / splat.r;

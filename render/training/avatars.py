@@ -1,19 +1,26 @@
 """The people who ship: recipes, and how they become avatar files."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from render import identity, mesh_parts
-from render.avatar import Maker
-from render.training import beard, hair, people
-from render.training.assembly import Assembly
-from render.training.beard import Strands
-from render.training.face_data import SKIN_VERTICES, geometry
+from render.avatars import lashes, textures
+from render.avatars.maker import Maker
+from render.decoder import identity, mesh_parts
+from render.decoder.beard import joined
+from render.training.data import people
+from render.training.data.face_data import SKIN_VERTICES
+from render.training.data.people import Skin
+from render.training.fitting.wardrobe import Wardrobe
+from render.training.geometry import beard, hair
+from render.training.geometry.assembly import Assembly
+from render.training.geometry.beard import Strands
+from render.training.look import brows, clothes
+from render.training.look.brows import Brows
+from render.types import Floats
 
-Floats = NDArray[np.float32]
 BALD, BUZZ = "bald", "buzz"
 
 
@@ -23,79 +30,131 @@ class Recipe:
 
     seed: int  # of the 100 identity modes
     strength: float  # standard deviations of the modes
+    feminine: float  # along the axis of sex; below zero: masculine
     skins: tuple[str, str, float]  # two skins and the share of the second
     eye: str
     style: str  # of hair, or "bald", "buzz"
     tint: tuple[float, float, float]  # of hair
+    shirt: tuple[float, float, float]
+    skin: Skin = field(default_factory=Skin)
+    brows: Brows = field(default_factory=Brows)
+    lashes: float = 1.0  # length, factor
+    tone: float = 1.0  # gain of the skins
     stubble: float = 0.0  # 0 shaven .. 1 full
     beard: Strands | None = None
-    hairs: int = 3200
+    hairs: int = 17_000
 
 
-BLACK, BROWN, DARK = (0.10, 0.085, 0.08), (0.30, 0.19, 0.12), (0.17, 0.12, 0.09)
-BLOND, RED, GREY = (0.52, 0.42, 0.30), (0.42, 0.19, 0.09), (0.52, 0.51, 0.50)
+BLACK, BROWN, DARK = (0.12, 0.10, 0.09), (0.34, 0.21, 0.13), (0.20, 0.14, 0.10)
+BLOND, RED, GREY = (0.56, 0.45, 0.31), (0.44, 0.20, 0.09), (0.58, 0.57, 0.56)
+NAVY, SAND, WINE, MOSS = (
+    (0.16, 0.20, 0.30),
+    (0.62, 0.57, 0.49),
+    (0.36, 0.13, 0.16),
+    (0.24, 0.29, 0.22),
+)
+CHALK, COAL, SKY, CLAY = (
+    (0.78, 0.77, 0.74),
+    (0.14, 0.14, 0.15),
+    (0.36, 0.47, 0.58),
+    (0.55, 0.30, 0.22),
+)
+FINE, SOFT, FULL = Brows(300, 0.72, 1.2, 1.0), Brows(340, 0.85, 0.6, 0.5), Brows(460, 1.15)
 RECIPES = {
-    "ada": Recipe(5, 0.5, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
-                  "green", "bob02_swept", BROWN),
-    "ben": Recipe(11, 0.5, ("young_lightskinned_male2", "young_lightskinned_male2", 0.0),
-                  "brownlight", "short04", DARK, 0.25),
-    "chen": Recipe(31, 0.6, ("young_lightskinned_male3", "middleage_lightskinned_male", 0.4),
-                   "brown", "short02", BLACK),
-    "dalia": Recipe(42, 0.55, ("young_lightskinned_female2", "middleage_darkskinned_female", 0.35),
-                    "brown", "long01", BLACK, hairs=4200),
-    "emil": Recipe(53, 0.6, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
-                   "blue", "short03_swept", BLOND),
-    "femi": Recipe(64, 0.6, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
-                   "brown", "afro01", (0.11, 0.085, 0.07), hairs=4200),
-    "greta": Recipe(75, 0.5, ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.15),
-                    "grey", "short01", GREY),
-    "hugo": Recipe(86, 0.6, ("middleage_lightskinned_male", "middleage_lightskinned_male", 0.0),
-                   "grey", BALD, DARK, 0.9, Strands(2400, 12.0)),
-    "ines": Recipe(97, 0.55, ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
-                   "blue", "ponytail01", RED, hairs=3800),
-    "joao": Recipe(108, 0.6, ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
-                   "brown", BUZZ, BLACK, 0.6),
-    "kofi": Recipe(23, 0.5, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
-                   "brown", "short01", BLACK, 0.9, Strands(2400, 7.5, 0.7)),
-    "lena": Recipe(119, 0.55, ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
-                   "brownlight", "long01", BLOND, hairs=3800),
+    "ada": Recipe(5, 0.40, 2.1, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
+                  "green", "bob02_swept", BROWN, MOSS, Skin(0.9, 0.35, 0.5), FINE, 1.15),
+    "ben": Recipe(11, 0.65, -1.6, ("young_lightskinned_male2", "young_lightskinned_male2", 0.0),
+                  "brownlight", "short04", DARK, NAVY, Skin(1.0, 0.0, 0.25), FULL, 0.9,
+                  stubble=0.30),
+    "chen": Recipe(31, 0.6, -0.9, ("young_lightskinned_male3", "middleage_lightskinned_male", 0.4),
+                   "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.3), Brows(400, 1.1), 0.8),
+    "dalia": Recipe(42, 0.5, 1.9,
+                    ("young_lightskinned_female2", "middleage_darkskinned_female", 0.35),
+                    "brown", "long01", BLACK, WINE, Skin(0.8, 0.0, 0.7), SOFT, 1.2, hairs=20_000),
+    "emil": Recipe(53, 0.65, -0.7, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
+                   "blue", "short03_swept", BLOND, COAL, Skin(1.2, 0.3, 0.3)),
+    "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
+                   "brown", "afro01", (0.13, 0.10, 0.085), CLAY, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
+                   1.22, hairs=18_000),
+    "greta": Recipe(75, 0.6, 1.2,
+                    ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
+                    "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
+    "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
+                   "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, 0.3), FULL, 0.8, 1.0, 0.9,
+                   Strands(3600, 11.0)),
+    "ines": Recipe(97, 0.45, 1.7,
+                    ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
+                   "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1, hairs=18_000),
+    "joao": Recipe(108, 0.65, -1.3,
+                    ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
+                   "brown", BUZZ, BLACK, SAND, Skin(0.7, 0.0, 0.3), FULL, stubble=0.6),
+    "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
+                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
+                   Strands(3600, 7.0, 0.7)),
+    "lena": Recipe(119, 0.5, 2.2,
+                    ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
+                   "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
+                   Brows(300, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
 }  # fmt: skip
+BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
+SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
 
 
-def make(assembly: Assembly, maker: Maker, name: str, recipe: Recipe) -> identity.Identity:
+def make(
+    assembly: Assembly, maker: Maker, wardrobe: Wardrobe, name: str, recipe: Recipe
+) -> identity.Identity:
     """Geometry and texture of the recipe, Theta_id from the encoder, hair from the cards."""
     face = assembly.face
     rng = np.random.default_rng(recipe.seed)
     modes = (rng.standard_normal(100) * recipe.strength).astype(np.float32)
+    modes = people.leaning_to(face, modes, recipe.feminine)
+    bare = people.relaxed(face, modes)
+    dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     first, second, mix = recipe.skins
-    skin = face.image(f"albedo/mh_{first}.jpg")[..., :3]
-    skin = skin + mix * (face.image(f"albedo/mh_{second}.jpg")[..., :3] - skin)
-    skin = skin.astype(np.float32, copy=False)
-    vertices = maker.posing.rest(geometry(face, modes)).geometry
-    worn = None
+    person = people.Person(
+        modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.full(3, recipe.tone, np.float32),
+        recipe.eye,
+        np.ones(len(face.rig_names), np.float32), recipe.skin,
+    )  # fmt: skip
+    vertices = maker.posing.rest(dressed).geometry
+    worn = cover = None
     if recipe.style not in (BALD, BUZZ):
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
-    cover = None
-    if worn is not None:
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
-    who = maker.identity(name, geometry(face, modes), skin, recipe.eye, cover)
+    who = maker.identity(name, dressed, wardrobe.texture(person), recipe.eye, cover)
     albedo = beard.stubble(assembly, maker, who.albedo, recipe.stubble, recipe.tint, rng)
+    dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
+    strands = [
+        lashes.grow(maker.posing, who.rest, maker.skin, recipe.lashes),
+        brows.grow(
+            face, vertices, assembly.normals(vertices), maker.skin, recipe.brows,
+            (float(dark[0]), float(dark[1]), float(dark[2])), recipe.seed,
+        ),
+    ]  # fmt: skip
     if recipe.beard:
         own = np.random.default_rng((recipe.seed, 1))
-        strands = beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own)
-        who = replace(who, beard=strands)
-    if worn is None:
-        if recipe.style == BUZZ:
-            cap = np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False)
-            albedo = scalp(assembly, maker, albedo, cap["scalp_cap"], recipe.tint, 0.72, rng)
-        return replace(who, albedo=albedo)
-    albedo = scalp(assembly, maker, albedo, worn.cap, recipe.tint, 0.95, rng)
-    strands = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
-    # Roots are lit as hair is, from between the strands: a scalp in full shadow looks like holes.
-    cap = np.zeros(len(vertices), np.float32)
-    cap[:SKIN_VERTICES] = worn.cap
-    floor = cap[maker.surface.used] * np.array([[0.45], [0.3]], np.float32)
-    return replace(who, albedo=albedo, seen=np.maximum(who.seen, floor), hair=strands)
+        strands.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
+    who = replace(who, beard=joined(strands))
+    if worn is not None:
+        albedo = scalp(assembly, maker, albedo, worn.cap, recipe.tint, 0.97)
+        grown = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
+        # Roots are lit as hair is, from between the strands: a scalp in full shadow is a hole.
+        cap = np.zeros(len(vertices), np.float32)
+        cap[:SKIN_VERTICES] = worn.cap
+        floor = cap[maker.surface.used] * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
+        who = replace(who, visibility=np.maximum(who.visibility, floor), hair=grown)
+    elif recipe.style == BUZZ:
+        cap = np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False)
+        albedo = scalp(assembly, maker, albedo, cap["scalp_cap"], recipe.tint, 0.72)
+    cloth = clothes.cover(face.neutral, maker.surface)
+    albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
+    gloss = who.gloss * (1 - cloth)
+    return replace(
+        who,
+        albedo=albedo,
+        gloss=gloss,
+        opacity_factors=clothes.faded(face.neutral, maker.surface, who.opacity_factors),
+    )
 
 
 def scalp(
@@ -105,41 +164,37 @@ def scalp(
     cap: NDArray[np.floating],  # [SKIN_VERTICES] 0..1
     tint: tuple[float, float, float],
     strength: float,
-    rng: np.random.Generator,
 ) -> Floats:
     """Colour the skin under the hair, softly at the hairline: roots, not a bald head, show."""
     full = np.zeros(len(assembly.face.neutral), np.float32)
     full[:SKIN_VERTICES] = np.clip(np.asarray(cap, np.float32), 0, 1)
-    cover = maker.surface.interpolate @ full[maker.surface.used]
-    cover = np.clip(cover * (1 + 0.25 * rng.standard_normal(len(cover))), 0, 1) * strength
-    root = np.array(tint, np.float32) * hair.ROOT_DARK
-    shade = 0.85 + 0.3 * rng.random((len(cover), 1))
-    return (albedo + cover[:, None] * (root * shade - albedo)).astype(np.float32)
+    head = maker.surface
+    x, y, z = (head.interpolate @ assembly.face.neutral[head.used]).T
+    uneven = np.sin(3.1 * x + np.sin(2.3 * y)) * np.sin(3.7 * y + np.sin(2.9 * z)) * np.sin(3.3 * z)
+    cover = np.clip((head.interpolate @ full[head.used] - 0.30 + 0.22 * uneven) / 0.5, 0, 1)
+    root = np.array(tint, np.float32) * SCALP * (1 + 0.2 * uneven[:, None])
+    return (albedo + strength * cover[:, None] * (root - albedo)).astype(np.float32)
 
 
-def run(assembly: Assembly, folder: Path, card: dict[str, object]) -> None:
+def run(assembly: Assembly, wardrobe: Wardrobe, folder: Path, card: dict[str, object]) -> None:
     """Write every avatar beside the prior."""
     from tqdm import tqdm
 
     maker = Maker(folder)
     for name, recipe in tqdm(RECIPES.items(), desc="avatars", unit="avatar"):
-        who = make(assembly, maker, name, recipe)
+        who = make(assembly, maker, wardrobe, name, recipe)
         identity.save(who, folder, {"recipe": asdict(recipe), **card})
 
 
 def eyes(
-    assembly: Assembly, kinds: NDArray[np.integer], at: Floats, mixing: Floats
+    wardrobe: Wardrobe, kinds: NDArray[np.integer], at: Floats, mixing: Floats
 ) -> dict[str, NDArray[np.uint8]]:
     """Colours of the eyes' Gaussians in every eye colour: so that anyone can be given eyes."""
-    from render import textures
-
     rows = kinds == mesh_parts.EYE
-    plain = np.tile(np.array([[0.97, 0.94, 0.92]], np.float32), (int(rows.sum()), 1))
+    plain, skin = np.ones((int(rows.sum()), 3), np.float32), np.ones((8, 16, 3), np.float32)
     out = {}
     for name in people.EYES:
-        picture = people.eye_texture(assembly.face, name)
-        skin = np.ones((8, 16, 3), np.float32)
-        levels = textures.levels(kinds[rows], at[rows], plain, skin, picture)
+        levels = textures.levels(kinds[rows], at[rows], plain, skin, wardrobe.eye(name))
         color = np.einsum("nl,nlc->nc", mixing[rows], levels)
         out[f"eye.{name}"] = np.rint(np.clip(color, 0, 1) * 255).astype(np.uint8)
     return out

@@ -11,18 +11,24 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from render import atlas, prior_file, weights_file
-from render.coding import EXPRESSION_DIM, Coding, extend
-from render.decoder import NUM_RIG, Decoder
-from render.errors import InputError
-from render.training import anchors as places
-from render.training import assembly as assemblies
-from render.training import avatars, face_data, fit, learn, people, teeth, truth
-from render.training.resume import write
+from render.decoder import prior_file
+from render.decoder.coding import EXPRESSION_DIM, Coding, extend
+from render.decoder.decoder import NUM_RIG, Decoder
+from render.decoder.learned import atlas, weights_file
+from render.training import avatars, prior_tensors
+from render.training.data import face_data, people
+from render.training.fitting import fit, learn, truth
+from render.training.fitting.resume import write
+from render.training.fitting.wardrobe import Wardrobe
+from render.training.geometry import anchors as places
+from render.training.geometry import assembly as assemblies
+from render.training.geometry import teeth
+from sensors.types import InputError
 
 LICENCE = (
     "derived from the ICT Face Model Light (MIT, (c) 2020 USC Institute for Creative "
-    "Technologies) and MakeHuman skins, eyes and hair (CC0)"
+    "Technologies), MakeHuman skins and hair (CC0), and detail of the Reom character of CharMorph "
+    "(CC BY, mesh ComplexAce, textures Hope)"
 )
 # Squared weight of a region's vertices in the distance between two faces.
 REGION_WEIGHT = {"lips": 8.0, "eyelids": 8.0, "inner_mouth_lip_roll": 4.0}
@@ -38,18 +44,13 @@ class Preset:
     poses: int  # of each person, beside the neutral face
     gaussians: int  # asked for; a third is never seen and left out
     fit_people: int
-    fit_steps: int  # pictures
     steps: int  # of the networks
 
 
 PRESETS = {
-    "debug": Preset(people=10, poses=1, gaussians=22_000, fit_people=5, fit_steps=6, steps=10),
-    "default": Preset(
-        people=300, poses=3, gaussians=46_000, fit_people=80, fit_steps=640, steps=1200
-    ),
-    "paper": Preset(
-        people=3000, poses=12, gaussians=96_000, fit_people=3000, fit_steps=40_000, steps=60_000
-    ),
+    "debug": Preset(people=10, poses=1, gaussians=22_000, fit_people=2, steps=10),
+    "default": Preset(people=200, poses=3, gaussians=80_500, fit_people=30, steps=1200),
+    "paper": Preset(people=3000, poses=12, gaussians=160_000, fit_people=300, steps=60_000),
 }
 
 
@@ -60,7 +61,6 @@ def run(
     work: Path,
     take: Path | None = None,
     seed: int = 0,
-    device: str = "cpu",  # of the photometric fit, by far the longest stage
 ) -> None:
     """Train into `out`; intermediate results live in `work` and are used again."""
     import torch
@@ -71,27 +71,26 @@ def run(
     seeds = range(size.people)
     known = truth.run(assembly, work / "people", seeds, size.poses, take, held_out=False)
     anchors = place(assembly, size.gaussians, seed, work / f"anchors_{size.gaussians}.npz")
-    first = known.rows(range(size.fit_people))
-    studio = fit.Studio(assembly, anchors, first, work / f"levels_{size.gaussians}")
-    state = work / "fit.state"
-    fitted = fit.run(studio, len(first.seeds), state, size.fit_steps, seed, device)
+    wardrobe = Wardrobe(assembly.face, work / "wardrobe")
+    studio = fit.Studio(assembly, anchors, known, wardrobe)
+    fitted = fit.load(studio, list(range(size.fit_people)), seed, work / "fitted.npz")
     used = studio.surface.used
     coding = code(assembly, known, weights_file.FOLDER, seed)
     at = atlas.build(assembly.places[used])
-    examples = learn.examples(assembly, known, coding, at, used)
+    examples = learn.examples(assembly, known, coding, at, used, wardrobe)
     held_seeds = range(people.HELD_OUT, people.HELD_OUT + min(HELD_OUT_PEOPLE, size.people))
     held = truth.run(assembly, work / "people", held_seeds, size.poses, take, held_out=True)
-    judged = learn.examples(assembly, held, coding, at, used)
+    judged = learn.examples(assembly, held, coding, at, used, wardrobe)
     weight = vertex_weights(assembly, used)
     state = work / "networks.state"
-    nets, left = learn.run(examples, judged, at.read, weight, state, size.steps, seed)
-    tensors = prior_file.tensors(assembly, anchors, fitted, coding, nets, used)
+    nets, left = learn.run(examples, judged, at.to_vertices, weight, state, size.steps, seed)
+    tensors = prior_tensors.tensors(assembly, anchors, fitted, coding, nets, used)
     rows = np.flatnonzero(np.isin(used, assembly.face.regions["teeth"]))
     tensors |= teeth.light(
         learn.changes(nets, examples), examples.light[: learn.MAPPED, rows].numpy(), rows
     )
     kinds = assembly.kinds[anchors.triangles]
-    tensors |= avatars.eyes(assembly, kinds, places.uv(assembly, anchors), fitted.mixing)
+    tensors |= avatars.eyes(wardrobe, kinds, places.uv(assembly, anchors), fitted.mixing)
     common = {
         "command": f"livedrive train prior --face DIR --preset {preset} --seed {seed}",
         "licence": LICENCE,
@@ -100,13 +99,13 @@ def run(
     metrics = {
         "gaussians": len(anchors.triangles),
         "people": size.people,
-        "fit_pictures": size.fit_steps,
+        "fit_people": size.fit_people,
         "light_unexplained_held_out": left,
     }
     card = {"kind": prior_file.KIND, "rig_names": assembly.face.rig_names, "metrics": metrics}
     weights_file.save(out / "prior", tensors, {**card, **common})
     Decoder.load(out)
-    avatars.run(assembly, out, common)
+    avatars.run(assembly, wardrobe, out, common)
 
 
 def place(assembly: assemblies.Assembly, count: int, seed: int, path: Path) -> places.Anchors:

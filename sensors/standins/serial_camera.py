@@ -9,7 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sensors.eyes.openiris import MARK
+from sensors.cameras.openiris import MARK
 
 REPLY = b'{"results":[{"command":"ping","result":"pong"}]}\r\n'
 

@@ -4,6 +4,7 @@ Flow: UsbLink -> pyusb -> UsbCamera (in place of libusb). It keeps the rules of 
 specifications, so a request that a real camera would stall on fails here too.
 """
 
+# pyright: reportMissingTypeStubs=false
 import errno
 import struct
 import threading
@@ -16,28 +17,37 @@ import numpy as np
 import usb.backend
 from usb.core import USBError, USBTimeoutError
 
+from sensors.cameras.usb.extension import (
+    BUSY,
+    DONE,
+    LENGTH,
+    SELECTOR,
+    SENSOR,
+    SET,
+    STREAM,
+    SYSTEM,
+    UNIT,
+)
+from sensors.cameras.usb.streaming import END_OF_FRAME, ERROR, HAS_PTS, PROBE_BYTES
+from sensors.standins.usb_descriptors import (
+    CLOCK_HZ,
+    CONFIGURATION_FIELDS,
+    DEVICE_FIELDS,
+    ENDPOINT,
+    ENDPOINT_FIELDS,
+    INTERFACE_FIELDS,
+    configuration_descriptor,
+)
 from sensors.types import NS
-from sensors.usb.extension import BUSY, DONE, LENGTH, SELECTOR, SENSOR, SET, STREAM, SYSTEM, UNIT
-from sensors.usb.streaming import END_OF_FRAME, ERROR, HAS_PTS, PROBE_BYTES
 
-ENDPOINT, CLOCK_HZ, MAX_PAYLOAD = 0x81, 1_000_000, 16_384
+MAX_PAYLOAD = 16_384
 HEADER_BYTES = 12
-DEVICE_FIELDS = (
-    "bLength bDescriptorType bcdUSB bDeviceClass bDeviceSubClass bDeviceProtocol bMaxPacketSize0 "
-    "idVendor idProduct bcdDevice iManufacturer iProduct iSerialNumber bNumConfigurations"
-)
-CONFIGURATION_FIELDS = (
-    "bLength bDescriptorType wTotalLength bNumInterfaces bConfigurationValue iConfiguration "
-    "bmAttributes bMaxPower"
-)
-INTERFACE_FIELDS = (
-    "bLength bDescriptorType bInterfaceNumber bAlternateSetting bNumEndpoints bInterfaceClass "
-    "bInterfaceSubClass bInterfaceProtocol iInterface"
-)
-ENDPOINT_FIELDS = "bLength bDescriptorType bEndpointAddress bmAttributes wMaxPacketSize bInterval"
 
 
-class UsbCamera(usb.backend.IBackend):
+Backend: Any = usb.backend.IBackend  # without types
+
+
+class UsbCamera(Backend):
     """One camera on a bus of its own. `fault`: "", payloads, silent, forbidden."""
 
     def __init__(
@@ -231,23 +241,6 @@ class UsbCamera(usb.backend.IBackend):
         if kind == 2:
             return bytes([payload[0], payload[1] | ERROR]) + payload[2:]
         return self._rng.bytes(len(payload))
-
-
-def configuration_descriptor(width: int, height: int, rate_hz: float) -> bytes:
-    """One MJPEG format of one size on a bulk endpoint, and an extension unit."""
-    interval = int(1e7 / rate_hz)
-    control = bytes([9, 4, 0, 0, 0, 0x0E, 1, 0, 0])
-    control += struct.pack("<BBBHHIBB", 13, 0x24, 1, 0x0110, 40, CLOCK_HZ, 1, 1)
-    control += bytes([27, 0x24, 6, UNIT]) + bytes(16) + bytes([1, 1, 1, 1, 0x02, 0, 0])
-    video = bytes([9, 4, 1, 0, 1, 0x0E, 2, 0, 0])
-    video += bytes([14, 0x24, 1, 1, 55, 0, ENDPOINT, 0, 2, 0, 0, 0, 1, 0])
-    video += bytes([11, 0x24, 6, 1, 1, 1, 1, 0, 0, 0, 0])
-    video += struct.pack(
-        "<BBBBBHHIIIIBI", 30, 0x24, 7, 1, 0, width, height, 0, 0, 0, interval, 1, interval
-    )
-    video += struct.pack("<BBBBHB", 7, 5, ENDPOINT, 2, 512, 0)
-    total = 9 + len(control) + len(video)
-    return struct.pack("<BBHBBBBB", 9, 2, total, 2, 1, 0, 0x80, 250) + control + video
 
 
 def _answer(buffer: Any, data: bytes) -> int:

@@ -5,10 +5,10 @@ from collections.abc import Iterator
 import pytest
 from web_client import AVATAR
 
-from render import identity
-from render.decoder import Decoder
-from render.identity import Identity
-from render.renderer import create_renderer
+from render.decoder import identity
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
+from render.splats.renderer import create_renderer
 from render.types import Renderer
 
 

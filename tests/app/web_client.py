@@ -9,14 +9,14 @@ import aiohttp
 import numpy as np
 from numpy.typing import NDArray
 
-from app.sinks.sink import FrameResult, RunInfo
+from app.drive.sink import FrameResult, RunInfo
 from app.web.cloud import CloudReader
 from app.web.info import ServerInfo
 from app.web.sink import WebSink
-from encoder.driver import DrivenFrame
+from encoder.types import DrivenFrame
 from render import cameras
-from render.decoder import Decoder
-from render.identity import Identity
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
 from render.types import Gaussians, Renderer
 from sensors.clock import MonotonicClock
 from sensors.types import FPS, NS, SensorFrame

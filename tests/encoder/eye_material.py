@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from encoder.eye_encoder import EyeEncoder
-from encoder.eye_format import PRESETS
-from encoder.eye_network import EyeNet
-from encoder.gaze_graph import GazeGraph, build
+from encoder.eyes.encoder import EyeEncoder
+from encoder.eyes.format import PRESETS
+from encoder.eyes.gaze_graph import GazeGraph, build
+from encoder.eyes.network import EyeNet
 
 
 def net() -> EyeNet:
@@ -21,6 +21,10 @@ def net() -> EyeNet:
         torch.nn.init.normal_(norm.bias, std=0.2)  # type: ignore[arg-type]
     with torch.no_grad():
         made.heads.bias[2:4] = torch.tensor([1.5, 6.0])  # every picture is an open eye
+        made.meter.heads.bias[:2] = torch.tensor([6.0, 1.5])
+        made.meter.heads.bias[4] = -9.0  # of whose gaze there is no doubt
+        made.finder.heads.weight.zero_()  # and pictures are taken as they are
+        made.finder.heads.bias.copy_(torch.tensor([20.0, 0, 0, 0, 1, 0]))
         made.heads.weight[:2] *= 3
         made.pair[2].weight.normal_(std=0.1)  # type: ignore[operator]
         made.relative.normal_(std=0.05)

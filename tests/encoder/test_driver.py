@@ -2,82 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+import subprocess
+import sys
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
-from torch import nn
+from driver_material import (
+    BACKENDS,
+    WAV2VEC,
+    StageNames,
+    drive,
+    driver,
+    driver_of,
+    models,
+    networks,
+    sensor_frame,
+    sound,
+    write_weights,
+)
 
-from encoder.audio_encoder import PRESETS as AUDIO
-from encoder.audio_encoder import AudioEncoder, AudioEncoderConfig
+from encoder.audio.config import PRESETS as AUDIO
+from encoder.audio.config import AudioEncoderConfig
 from encoder.backends import BackendName, create_backend
-from encoder.checkpoint import save
-from encoder.denoiser import PRESETS as DENOISERS
-from encoder.denoiser import Denoiser
-from encoder.diffusion import frame_noise
-from encoder.driver import Driver, DriverState
+from encoder.denoiser.config import PRESETS as DENOISERS
+from encoder.denoiser.model import Denoiser
+from encoder.driver import frame_noise
 from encoder.inference import load_driver
-from sensors.types import InputError, SensorFrame
-
-WAV2VEC = AudioEncoderConfig(
-    kind="wav2vec-large", sample_rate=16_000, feature_dim=0,
-    layers=((16, 10, 5), (16, 8, 4), (16, 4, 2), (16, 4, 2), (16, 4, 2), (16, 1, 1), (16, 1, 1)),
-    context=((2, 1), (3, 1), (13, 1)),
-)  # fmt: skip
-BACKENDS: list[BackendName] = ["torch", "onnx", "onnx-int8"]
-
-
-def models(audio: AudioEncoderConfig = AUDIO["debug"]) -> tuple[AudioEncoder, Denoiser]:
-    """Small networks without a zero gate or a default statistic that could hide an error."""
-    torch.manual_seed(0)
-    audio_dim = 512 if audio.kind == "compact" else 16
-    encoder = AudioEncoder(audio)
-    denoiser = Denoiser(replace(DENOISERS["debug"], audio_dim=audio_dim))
-    for module in encoder.modules():
-        if isinstance(module, nn.BatchNorm1d):
-            nn.init.normal_(module.running_mean, std=0.05)  # type: ignore[arg-type]
-            nn.init.uniform_(module.running_var, 0.02, 0.1)  # type: ignore[arg-type]
-            nn.init.normal_(module.bias, std=0.2)
-    for block in denoiser.blocks:
-        nn.init.normal_(block.modulate.weight, std=0.05)
-        nn.init.normal_(block.modulate.bias, std=0.3)
-    denoiser.expression_mean.normal_()
-    denoiser.expression_std.uniform_(0.5, 2)
-    return encoder.eval(), denoiser.eval()
-
-
-def driver(backend: BackendName = "onnx", audio: AudioEncoderConfig = AUDIO["debug"]) -> Driver:
-    encoder, denoiser = models(audio)
-    return Driver(create_backend(encoder, denoiser, backend), denoiser)
-
-
-def sound(frames: int, seed: int = 0) -> np.ndarray:
-    draw = np.random.default_rng(seed)
-    loudness = 0.1 * np.abs(np.sin(np.arange(frames) / 4))[:, None]
-    return (loudness * draw.standard_normal((frames, 1600))).astype(np.float32)
-
-
-def sensor_frame(index: int, audio: np.ndarray, gap: bool = False) -> SensorFrame:
-    return SensorFrame(
-        index=index, t_ns=index * 33_333_333, audio=audio, eyes=None, eyes_valid=np.zeros(2, bool),
-        eyes_age_ns=np.zeros(2, np.int64), audio_gap=gap,
-    )  # fmt: skip
-
-
-def drive(
-    d: Driver, audio: np.ndarray, state: DriverState | None = None, first: int = 0, seed: int = 5
-) -> tuple[np.ndarray, np.ndarray, DriverState]:
-    state = state or d.init_state(seed)
-    codes, gaze = [], []
-    for i, chunk in enumerate(audio):
-        frame, state = d.step(sensor_frame(first + i, chunk), state)
-        codes.append(frame.expression)
-        gaze.append(frame.gaze)
-    return np.array(codes), np.array(gaze), state
+from encoder.nn.checkpoint import save
+from sensors.types import InputError
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
@@ -123,7 +78,7 @@ def test_a_condition_of_other_size_costs_the_rest_no_precision() -> None:
         denoiser.input.weight[:, -6:] *= 100
         denoiser.input.bias -= denoiser.input.weight[:, -6:] @ torch.tensor([0, 0, 1.0] * 2)
     found = {
-        name: drive(Driver(create_backend(encoder, denoiser, name), denoiser), sound(60))[0]
+        name: drive(driver_of(encoder, denoiser, name), sound(60))[0]
         for name in ("onnx", "onnx-int8")
     }
     error = np.linalg.norm(found["onnx-int8"] - found["onnx"], axis=1)
@@ -132,7 +87,7 @@ def test_a_condition_of_other_size_costs_the_rest_no_precision() -> None:
 
 def test_streaming_equals_the_whole_sequence() -> None:
     """300 ticks against one offline pass of the modules: features, noise, mask, standardisation."""
-    from encoder.alignment import AudioFeatures
+    from encoder.audio.alignment import AudioFeatures
 
     encoder, denoiser = models()
     audio = sound(300)
@@ -157,17 +112,20 @@ def test_resumes_from_its_state_and_never_writes_it(backend: BackendName) -> Non
     assert np.array_equal(np.concatenate([first, rest]), whole)
 
 
-@pytest.mark.parametrize("backend", ["torch", "onnx"])
-def test_stale_cache_is_never_read(backend: BackendName) -> None:
-    d, audio = driver(backend), sound(40)
-    expected, _, _ = drive(d, audio)
-    state = d.init_state(5)
-    memory = dict(state.backend)
-    past = dict(memory["past"]) if backend == "torch" else memory
-    past["keys"], past["values"] = past["keys"] * np.nan, past["values"] * np.nan
-    memory = {**memory, "past": past} if backend == "torch" else past
-    actual, _, _ = drive(d, audio, replace(state, backend=memory))
-    assert np.array_equal(actual, expected)
+def test_stale_cache_is_never_read() -> None:
+    """NaN where torch masks by `where`, large numbers where ONNX masks by a bias."""
+    for backend, junk in (("torch", np.nan), ("onnx", 1e3)):
+        d, audio = driver(backend), sound(40)
+        expected, _, _ = drive(d, audio)
+        state = d.init_state(5)
+        if backend == "torch":
+            past = {k: v + junk if k != "frame" else v for k, v in state.backend.past.items()}
+            state = replace(state, backend=replace(state.backend, past=past))
+        else:
+            state.backend.past.ring.keys[:] = junk
+            state.backend.past.ring.values[:] = junk
+        actual, _, _ = drive(d, audio, state)
+        assert np.array_equal(actual, expected)
 
 
 @pytest.mark.parametrize("backend", ["torch", "onnx"])
@@ -176,12 +134,50 @@ def test_four_days_change_nothing(backend: BackendName) -> None:
     d, audio, results = driver(backend), sound(30), []
     for frame in (1000, 10_000_000):
         state = d.init_state(5)
-        count = torch.tensor(frame)
-        memory = {**state.backend, "frame": frame}
         if backend == "torch":
-            memory = {**state.backend, "past": {**state.backend["past"], "frame": count}}
-        results.append(drive(d, audio, replace(state, backend=memory))[0])
+            past = {**state.backend.past, "frame": torch.tensor(frame)}
+        else:
+            past = replace(state.backend.past, frame=frame)
+        state = replace(state, backend=replace(state.backend, past=past))
+        results.append(drive(d, audio, state)[0])
     assert np.abs(results[0] - results[1]).max() < 1e-5 * np.abs(results[0]).max()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_every_state_may_be_kept_and_stepped_from_again(backend: BackendName) -> None:
+    """The K/V ring is written in place, so this is what could go wrong, within and past a block."""
+    d, audio = driver(backend), sound(80)
+    whole, _, _ = drive(d, audio)
+    states, state = [], d.init_state(5)
+    for i, chunk in enumerate(audio):
+        states.append(state)
+        _, state = d.step(sensor_frame(i, chunk), state)
+    for start in (0, 1, 24, 25, 26, 49, 50, 51, 79):
+        for _ in range(2):
+            rest, _, _ = drive(d, audio[start:], states[start], start)
+            assert np.array_equal(rest, whole[start:])
+    drive(d, sound(30, seed=3), states[30], 30)
+    assert np.array_equal(drive(d, audio[30:], states[30], 30)[0], whole[30:])
+
+
+def test_the_cache_is_not_copied() -> None:
+    d = driver("onnx")
+    state = d.init_state(5)
+    rings = set()
+    for i, chunk in enumerate(sound(60)):
+        _, state = d.step(sensor_frame(i, chunk), state)
+        rings.add(id(state.backend.past.ring.keys))
+    assert len(rings) == 1
+
+
+def test_the_live_path_needs_no_torch(tmp_path: Path) -> None:
+    write_weights(tmp_path)
+    code = (
+        "import sys; from encoder.inference import load_driver; "
+        f"load_driver({str(tmp_path)!r}, 'cpu').init_state(0); print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "False"
 
 
 def test_a_gap_is_driven_as_silence() -> None:
@@ -201,25 +197,9 @@ def test_long_silence_stays_finite() -> None:
 
 
 def test_timer_sees_the_stages() -> None:
-    names = []
-
-    @contextmanager
-    def timer(stage: str) -> Iterator[None]:
-        names.append(stage)
-        yield
-
-    d = driver()
+    d, timer = driver(), StageNames()
     d.step(sensor_frame(0, sound(1)[0]), d.init_state(0), timer)
-    assert names == ["audio", "gaze", "denoise"]
-
-
-def write_weights(folder: Path) -> None:
-    encoder, denoiser = models()
-    save(
-        folder / "audio", encoder.state_dict(), {"kind": "audio", "config": asdict(AUDIO["debug"])}
-    )
-    card = {"kind": "student", "config": asdict(denoiser.config)}
-    save(folder / "student", denoiser.state_dict(), card)
+    assert timer.names == ["audio", "gaze", "denoise"]
 
 
 def test_load_driver(tmp_path: Path) -> None:
@@ -242,10 +222,10 @@ def test_bad_weights_are_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="convs.2.weight"):
         load_driver(tmp_path, device="cpu")
     with pytest.raises(InputError, match="use auto"):
-        create_backend(*models(), backend="tensorrt")  # type: ignore[arg-type]
+        create_backend(networks(*models()), backend="tensorrt")  # type: ignore[arg-type]
     denoiser = Denoiser(replace(DENOISERS["debug"], attention="linear"))
     with pytest.raises(InputError, match="softmax"):
-        create_backend(encoder, denoiser, backend="onnx")
+        create_backend(networks(encoder, denoiser), backend="onnx")
     eyes = Denoiser(replace(DENOISERS["debug"], condition="eyes", condition_dim=160))
     with pytest.raises(InputError, match="--condition eyes"):
-        Driver(create_backend(encoder, eyes, "onnx"), eyes)
+        driver_of(encoder, eyes)

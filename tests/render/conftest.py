@@ -2,12 +2,12 @@
 
 import pytest
 
-from render.renderer import wrap_context
+from render.splats.renderer import wrap_context
 
 
 @pytest.fixture(scope="session")
 def egl_context():
-    from render.contexts import create_context
+    from render.gl.contexts import create_context
 
     context = create_context("egl")
     yield context

@@ -1,4 +1,4 @@
-"""Golden pictures: three avatars, four expressions, two views; and the synthetic head.
+"""Golden pictures: three avatars, four expressions, two views; turned heads; the synthetic head.
 
 `pytest tests/render/test_golden.py --update-golden` blesses them anew. The rasteriser is part of
 the picture, so only llvmpipe may bless, and only from a clean tree.
@@ -6,6 +6,7 @@ the picture, so only llvmpipe may bless, and only from a clean tree.
 
 import hashlib
 import json
+import math
 import subprocess
 from pathlib import Path
 
@@ -28,6 +29,9 @@ EXPRESSIONS: dict[str, tuple[dict[str, float], tuple[float, float]]] = {
     "open": ({"jawOpen": 0.8, "browInnerUp_L": 0.9, "browInnerUp_R": 0.9}, (0.0, 12.0)),
     "pucker": ({"mouthPucker": 0.9, "eyeBlink_L": 1.0, "eyeBlink_R": 1.0}, (0.0, 0.0)),
 }
+# Pitch, yaw and roll of the head, degrees.
+HEADS = {"yaw_left": (0, 30, 0), "yaw_right": (0, -30, 0), "down": (20, 0, 0), "up": (-20, 0, 0)}
+HEADS |= {"roll_left": (0, 0, -15), "roll_right": (0, 0, 15)}
 MIN_DB = 55.0
 Picture = NDArray[np.uint8]  # [160, 160, 3]
 
@@ -36,9 +40,12 @@ def render_all(renderer) -> dict[str, Picture]:
     """Every golden picture, drawn now, by name."""
     from scenes import head_scene
 
-    from render import identity
     from render.cameras import portrait
-    from render.decoder import Decoder
+    from render.decoder import identity
+    from render.decoder.decoder import Decoder
+    from render.types import AHEAD
+    from sensors import rotation
+    from sensors.types import HeadPose
 
     pictures = {}
 
@@ -59,6 +66,11 @@ def render_all(renderer) -> dict[str, Picture]:
             ahead = np.sin(yaw) * np.cos(pitch), np.sin(pitch), np.cos(yaw) * np.cos(pitch)
             gaze = np.tile(np.array(ahead, np.float32), (2, 1))
             draw(f"{avatar}_{name}", decoder.decode(decoder.encode(rig), gaze, who)[1])
+    who = identity.load("ben")
+    for name, (pitch, yaw, roll) in HEADS.items():
+        turn = rotation.from_angles((math.radians(pitch), math.radians(yaw), math.radians(roll)))
+        head = HeadPose(quat=turn)
+        draw(f"ben_{name}", decoder.decode(np.zeros(256, np.float32), AHEAD, who, head)[1])
     return pictures
 
 

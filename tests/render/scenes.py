@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from render.surface import BEHIND
+from render.decoder.surface import BEHIND
 from render.types import Gaussians
 
 
@@ -70,6 +70,6 @@ def psnr_db(picture: NDArray, expected: NDArray) -> float:
 
 
 def facing(normals: np.ndarray) -> np.ndarray:  # [n, 3] unit -> [n, 4] wxyz
-    """The shortest turn from z to the normal, as the decoder gives it; see surface.faced."""
+    """The shortest turn from z to the normal, as the decoder gives it; see surface.normals_of."""
     x, y, z = normals.T
     return np.stack([z + BEHIND, -y, x, 0 * z], 1).astype(np.float32)

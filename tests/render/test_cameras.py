@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render.cameras import PORTRAIT_SPAN_MM, portrait
-from render.errors import InputError
+from sensors.types import InputError
 
 
 def pixel(camera, point):

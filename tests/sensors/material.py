@@ -7,17 +7,9 @@ import numpy as np
 import soundfile
 from numpy.typing import NDArray
 
-from sensors.recording import Recording
-from sensors.session import replay_frames
-from sensors.types import (
-    EYE_SIZE,
-    NS,
-    SAMPLE_RATE,
-    AudioPacket,
-    EyePacket,
-    Packet,
-    SensorFrame,
-)
+from sensors.session.files import replay_frames
+from sensors.session.recording import Recording
+from sensors.types import EYE_SIZE, NS, SAMPLE_RATE, AudioPacket, EyePacket, Packet, SensorFrame
 
 
 def image(seed: int) -> NDArray[np.uint8]:

@@ -6,9 +6,12 @@ const BUCKETS = 1 << 16;
 const FAINTEST = 4;  // of 255: the opacity below which splats.js draws nothing
 const RETRY_MS = 1000;
 
+const NECK = 9 * 12;  // numbers of its moves
+
 let base = null;   // Uint32Array [4 N], the head at rest
 let words = null;  // Uint32Array [4 N], the head now
 let count = 0;
+let neck = null;   // Float32Array [9, 3, 4], how the head is turned
 let frame = -1;
 let updates = 0;
 let direction = [0, 0, 1];  // growing from far to near, in units of the position's steps
@@ -19,15 +22,16 @@ let scheduled = false;
 
 function readBase(view, buffer) {
   count = view.getUint32(4, true);
-  const ranges = new Float32Array(buffer.slice(8, 32));
-  base = new Uint32Array(buffer.slice(32, 32 + 16 * count));
+  const ranges = new Float32Array(buffer.slice(8, 44));
+  base = new Uint32Array(buffer.slice(44, 44 + 16 * count));
   words = base.slice();
   postMessage({ kind: "base", count, ranges }, [ranges.buffer]);
 }
 
 function readTick(view, buffer) {
   frame = Number(view.getBigInt64(8, true));
-  const bits = 32;  // where the bits start
+  const bits = 32 + view.getUint32(28, true);  // where the bits start, after the neck if there is one
+  neck = bits > 32 ? new Float32Array(buffer.slice(32, bits)) : null;
   const moved = new Uint32Array(buffer, bits + 4 * Math.ceil(count / 32));
   const flags = new Uint32Array(buffer, bits, Math.ceil(count / 32));
   words.set(base);
@@ -47,7 +51,7 @@ function readTick(view, buffer) {
 // too faint to be drawn are left out.
 function order() {
   const depths = new Float32Array(count), shown = new Uint32Array(count);
-  const [a, b, c] = direction;
+  const [a, b, c] = seenFromTheHead(direction);
   let low = Infinity, high = -Infinity, num = 0;
   for (let i = 0; i < count; i++) {
     if (words[4 * i + 3] >>> 24 < FAINTEST) continue;
@@ -71,6 +75,13 @@ function order() {
   return sorted;
 }
 
+// Most Gaussians go with the head, so their order is that of the head at rest, seen from elsewhere.
+function seenFromTheHead([x, y, z]) {
+  if (!neck) return [x, y, z];
+  const m = neck.subarray(NECK - 12);
+  return [0, 1, 2].map((k) => m[k] * x + m[4 + k] * y + m[8 + k] * z);
+}
+
 // The newest tick is sorted once the page has drawn the last one: a slow page skips ticks.
 function schedule() {
   if (scheduled || !free || !words || !(moved || turned)) return;
@@ -79,9 +90,20 @@ function schedule() {
     const sorted = order(), copy = moved ? words.slice() : null;
     const send = [sorted.buffer];
     if (copy) send.push(copy.buffer);
-    postMessage({ kind: "sorted", frame, sorted, words: copy }, send);
+    postMessage({ kind: "sorted", frame, sorted, words: copy, neck }, send);
     scheduled = free = moved = turned = false;
   });
+}
+
+async function wait(address) {
+  try {
+    const answer = await fetch(new URL("offers", address.replace(/^ws/, "http")));
+    const lost = answer.status === 403;
+    postMessage({ kind: "state", text: lost ? await answer.text() : "waiting for livedrive" });
+  } catch {
+    postMessage({ kind: "state", text: "waiting for livedrive" });
+  }
+  setTimeout(() => connect(address), RETRY_MS);
 }
 
 function connect(address) {
@@ -91,15 +113,13 @@ function connect(address) {
   socket.onmessage = ({ data }) => {
     const view = new DataView(data);
     if (view.getUint8(0) === BASE) readBase(view, data);
-    else if (base) readTick(view, data);
+    else if (base && view.getUint32(4, true) === count) readTick(view, data);
+    else return;
     postMessage({ kind: "tick", updates });
     moved = true;
     schedule();
   };
-  socket.onclose = () => {
-    postMessage({ kind: "state", text: "waiting for livedrive" });
-    setTimeout(() => connect(address), RETRY_MS);
-  };
+  socket.onclose = () => wait(address);
 }
 
 onmessage = ({ data }) => {

@@ -5,6 +5,7 @@
 import { Orbit, place, multiply } from "./camera.js";
 import { Headset } from "./xr.js";
 import { Microphone } from "./microphone.js";
+import { PoseSender } from "./pose.js";
 import { Splats } from "./splats.js";
 
 const get = (id) => document.getElementById(id);
@@ -18,6 +19,7 @@ const sockets = location.href.replace(/^http/, "ws").replace(/[?#].*/, "").repla
 const stats = { frame: -1, updates: 0, draws: 0 };  // for people with a console, and for tests
 globalThis.livedrive = stats;
 let mirror = false;
+let poses = null;       // where livedrive listens to the headset
 let stale = true;       // the canvas must be drawn anew
 let fresh = false;      // what the worker sent last was not drawn yet
 let asked = [0, 0, 0];  // direction of the last order
@@ -63,7 +65,9 @@ function draw(modelView, projection, width, height) {
 
 const headset = new Headset(gl, {
   draw, aim, isMirror: () => mirror,
+  posed: (time, pose) => poses?.send(time, pose),
   ended: () => {
+    poses?.stop();
     stale = true;
     get("vr").textContent = "Enter VR";
   },
@@ -73,7 +77,7 @@ worker.onmessage = ({ data }) => {
   if (data.kind === "state") return say(data.text);
   if (data.kind === "base") return splats.setBase(data);
   if (data.kind === "tick") return stats.updates = data.updates;
-  splats.set(data.words, data.sorted);
+  splats.set(data.words, data.sorted, data.neck);
   stats.frame = data.frame;
   stale = fresh = true;
 };
@@ -101,6 +105,7 @@ get("vr").onclick = async () => {
   try {
     if (headset.session) return await headset.leave();
     await headset.enter();
+    poses?.start();
     get("vr").textContent = "Leave VR";
   } catch (error) {
     say(`VR: ${error.message}`);
@@ -135,5 +140,6 @@ canvas.onwheel = (event) => {
 
 get("vr").hidden = !(await Headset.supported());
 const offers = await (await fetch("offers")).json();
+if (offers.head) poses = new PoseSender(`${sockets}pose`);
 get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
 drawFlat();

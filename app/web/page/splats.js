@@ -1,8 +1,9 @@
-// Draws the Gaussians with WebGL2: one quad each, back to front, as render/splat_quads.py does. The
-// projection is that of render/reference.py; all its constants are the same. Quads are vertices of
+// Draws the Gaussians with WebGL2: one quad each, back to front, as render/splats/quads.py does. The
+// projection is that of render/splats/reference.py; all its constants are the same. Quads are vertices of
 // one long list and not instances: software GL draws instances one by one.
 
 const WIDTH = 1024;  // texels in a row of the textures
+const STILL = new Float32Array(9 * 12).map((_, k) => (k % 12 % 5 === 0 ? 1 : 0));
 
 const VERTEX = `#version 300 es
 precision highp float;
@@ -15,6 +16,8 @@ uniform mat4 projection;
 uniform vec2 size;        // px
 uniform vec3 low;         // mm
 uniform vec3 steps;       // mm of a position step, log2 scale of level 0, log2 scale of a level
+uniform vec4 neck[27];    // rows of 9 moves, from the chest to the head at even steps
+uniform vec3 eyes;        // mm, from those of the mean face to the point between them
 out vec2 uv;
 flat out vec4 color;
 
@@ -33,6 +36,15 @@ mat3 rotation(vec3 turn) {
     2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
 }
 
+// How far a point goes with the head: render/decoder/neck.py, Neck.along.
+float along(vec3 point) {
+  vec3 p = point - eyes;
+  float top = -62.0 - 0.45 * p.z, bottom = -152.0 - 0.36 * p.z;
+  float share = clamp((p.y - bottom) / (top - bottom), 0.0, 1.0);
+  share = clamp(share - clamp((abs(p.x) - 52.0) / 45.0, 0.0, 1.0) * (1.0 - share), 0.0, 1.0);
+  return share * share * (3.0 - 2.0 * share);
+}
+
 ivec2 texel(int k) {
   return ivec2(k % ${WIDTH}, k / ${WIDTH});
 }
@@ -46,7 +58,16 @@ void main() {
     word.y >> 14 & 1023u, word.y >> 24 | (word.z >> 24 & 3u) << 8, word.x >> 28 | word.z >> 26 << 4);
   vec3 scale = exp2(steps.y + steps.z * vec3(word.z & 255u, word.z >> 8 & 255u, word.z >> 16 & 255u));
 
-  vec4 point = modelView * vec4(mean, 1.0);
+  float place = 8.0 * along(mean);
+  int low_step = int(min(place, 7.0));
+  float part = place - float(low_step);
+  vec4 rows[3];
+  for (int k = 0; k < 3; k++)
+    rows[k] = mix(neck[3 * low_step + k], neck[3 * low_step + 3 + k], part);
+  vec4 still = vec4(mean, 1.0);
+  vec3 bent = vec3(dot(rows[0], still), dot(rows[1], still), dot(rows[2], still));
+  mat3 bend = transpose(mat3(rows[0].xyz, rows[1].xyz, rows[2].xyz));
+  vec4 point = modelView * vec4(bent, 1.0);
   gl_Position = vec4(0.0, 0.0, 2.0, 1.0);  // outside: nothing is drawn
   vec4 clip = projection * point;
   if (clip.w <= 0.0 || clip.z < -clip.w) return;
@@ -56,7 +77,7 @@ void main() {
   vec2 reach = vec2(projection[0][0], projection[1][1]);
   vec2 slope = clamp(point.xy * inverse, (off - 1.3) / reach, (off + 1.3) / reach);
 
-  mat3 axes = mat3(modelView) * rotation(levels * (2.0 / 1023.0) - 1.0);
+  mat3 axes = mat3(modelView) * bend * rotation(levels * (2.0 / 1023.0) - 1.0);
   axes = mat3(axes[0] * scale.x, axes[1] * scale.y, axes[2] * scale.z);
   vec3 row_x = focal.x * inverse * vec3(1.0, 0.0, slope.x) * axes;
   vec3 row_y = focal.y * inverse * vec3(0.0, 1.0, slope.y) * axes;
@@ -93,9 +114,10 @@ export class Splats {
   constructor(gl) {
     this.gl = gl;
     this.count = 0;
+    this.neck = STILL;
     this.program = link(gl);
     this.places = Object.fromEntries(
-      ["words", "order", "modelView", "projection", "size", "low", "steps"]
+      ["words", "order", "modelView", "projection", "size", "low", "steps", "neck", "eyes"]
         .map((name) => [name, gl.getUniformLocation(this.program, name)]));
     this.words = texture(gl);
     this.order = texture(gl);
@@ -103,7 +125,7 @@ export class Splats {
     this.corners = gl.createBuffer();
   }
 
-  // What all ticks share: their number of Gaussians and ranges [6].
+  // What all ticks share: their number of Gaussians and ranges [9].
   setBase({ count, ranges }) {
     this.ranges = ranges;
     this.rows = Math.ceil(count / WIDTH);
@@ -125,8 +147,10 @@ export class Splats {
   }
 
   // The Gaussians of a tick [4 N], or null when only the order has changed, and their order [N].
-  set(words, order) {
+  // `neck` [9, 3, 4]: how the head is turned, or null where it rests.
+  set(words, order, neck) {
     const gl = this.gl;
+    this.neck = neck ?? STILL;
     if (words) {
       gl.bindTexture(gl.TEXTURE_2D, this.words);
       gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, WIDTH, this.rows, gl.RGBA_INTEGER, gl.UNSIGNED_INT,
@@ -158,6 +182,8 @@ export class Splats {
     gl.uniform2f(places.size, width, height);
     gl.uniform3f(places.low, ranges[0], ranges[1], ranges[2]);
     gl.uniform3f(places.steps, ranges[3], ranges[4], ranges[5]);
+    gl.uniform4fv(places.neck, this.neck);
+    gl.uniform3f(places.eyes, ranges[6], ranges[7], ranges[8]);
     gl.bindVertexArray(this.quads);
     gl.drawElements(gl.TRIANGLES, 6 * this.count, gl.UNSIGNED_INT, 0);
     gl.bindVertexArray(null);

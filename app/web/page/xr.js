@@ -6,9 +6,10 @@ const AHEAD = 0.7;   // m from the person to the head
 const MM = 0.001;    // m
 
 export class Headset {
-  // `draw(modelView, projection, viewport)` draws one eye, `aim(modelView)` asks for a new order.
-  constructor(gl, { draw, aim, isMirror, ended }) {
-    Object.assign(this, { gl, draw, aim, isMirror, ended, session: null });
+  // `draw(modelView, projection, viewport)` draws one eye, `aim(modelView)` asks for a new order,
+  // `posed(time, pose)` is told where the headset is.
+  constructor(gl, { draw, aim, isMirror, posed, ended }) {
+    Object.assign(this, { gl, draw, aim, isMirror, posed, ended, session: null });
   }
 
   static async supported() {
@@ -39,11 +40,12 @@ export class Headset {
     return this.session?.end();
   }
 
-  frame = (_, xr) => {
+  frame = (time, xr) => {
     const { session, gl } = this;
     if (!session) return;
     session.requestAnimationFrame(this.frame);
     const pose = xr.getViewerPose(this.space);
+    this.posed(time, pose ?? null);
     if (!pose) return;
     this.where ??= inFront(pose.transform);
     const flip = this.isMirror() ? -1 : 1;

@@ -1,0 +1,1 @@
+"""`livedrive bench`: what things cost, measured."""

@@ -1,0 +1,1 @@
+"""What leaving the machine costs: protocols, the page, hostile clients."""

@@ -1,0 +1,1 @@
+"""Long runs and faults of sensors, on stand-in devices."""

@@ -1,0 +1,243 @@
+"""A call: what this end says, shows and agrees to, and everyone it hears and sees.
+
+microphone -> speak -> Opus -+
+loop's ticks -> tick --------+-> sealed -> Room ==network==> partner's Room -> Partner
+loudspeaker <- pull <- VoiceTrack of each Partner      loop <- show <- ticks of each Partner
+"""
+
+import secrets
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.call.core.outgoing import Outgoing
+from app.call.core.partner import Partner
+from app.call.media.connection import Stream
+from app.call.media.opus import OpusDecoder
+from app.call.rooms.room import BYE, HELLO, Events, Room
+from app.call.wire import agreement
+from app.call.wire.agreement import MAX_PEOPLE, Hello
+from app.call.wire.packet import Basis, MalformedError, Packer, Tick
+from app.call.wire.seal import Keyring, SealError
+from sensors.types import NS
+
+Sound = NDArray[np.float32]
+HELLO_NS = NS
+LEFT = 32  # partners of whom the report still tells
+GONE_NS = 5 * NS  # without a hello or a packet
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sight:
+    """A partner's tick on its way to the eye."""
+
+    identity: str
+    tick: Tick
+    due: int  # media, see FaceTrack
+
+
+class Call:
+    """One end. Everything happens in one thread; time is an argument."""
+
+    def __init__(
+        self,
+        secret: bytes,
+        hello: Hello,
+        basis: Basis,
+        tell: Callable[[str], None],
+        show: Callable[[Sight, int], None],  # with our clock
+        now_ns: Callable[[], int],
+    ) -> None:
+        self.hello = hello
+        self.partners: dict[str, Partner] = {}
+        self.left: deque[Partner] = deque(maxlen=LEFT)
+        self.room: Room | None = None
+        self.sent_bytes = self.unsendable = 0
+        self._keys = Keyring(secret, hello.identity)
+        self._packer = Packer(basis)
+        self._outgoing = Outgoing(self._packer, self._send)
+        self._tell, self._show, self._now_ns = tell, show, now_ns
+        self._told: dict[str, str] = {}
+
+    def events(self) -> Events:
+        """What a room needs of this call."""
+        return Events(
+            packet=self._packet,
+            seal=self._seal,
+            open=self._open,
+            message=self._message,
+            opened=self.say_hello,
+            ready=self.may_send,
+            tell=self._tell,
+        )
+
+    def may_send(self) -> bool:
+        return agreement.may_send(self.hello, self._hellos())
+
+    def may_record(self) -> bool:
+        return agreement.may_record(self.hello, self._hellos())
+
+    def change(self, **state: object) -> None:
+        """Set fields of the hello, and say so: accepted, muted, records, ..."""
+        self.hello = replace(self.hello, **state)
+        self.say_hello()
+
+    def say_hello(self) -> None:
+        now_ns = self._now_ns()
+        here = self._here()
+        self.hello = replace(
+            self.hello,
+            now_ns=now_ns,
+            origin_ns=self._outgoing.origin_ns or 0,
+            met=tuple(p.identity for p in here),
+            hears=tuple(p.identity for p in here if p.is_heard(now_ns)),
+            echoes=tuple((p.identity, p.hello.now_ns, p.hello_ns) for p in here if p.hello),
+        )
+        if self.room is not None:
+            self.room.say(HELLO + self.hello.to_bytes())
+
+    def step(self) -> None:
+        """Once a second: say hello again, and let go of who is gone."""
+        now_ns = self._now_ns()
+        for partner in self.partners.values():
+            if now_ns - max(partner.hello_ns, partner.came_ns) > GONE_NS and partner.hello:
+                self._tell(f"{partner.hello.name} is gone")
+                partner.hello = None
+        self.say_hello()
+
+    def say_bye(self) -> None:
+        if self.room is not None:
+            self.room.say(BYE)
+
+    def close(self) -> None:
+        """Let go of everybody's decoder."""
+        for partner in self.partners.values():
+            partner.close()
+
+    def speak(self, first_sample: int, samples: Sound, t_ns: int) -> None:
+        """Sound of the microphone: the device's count and the time of its first sample."""
+        self._outgoing.speak(first_sample, samples, t_ns, self.hello.muted)
+
+    def tick(self, tick: Tick, end_ns: int) -> None:
+        """What the own face does; `end_ns`: the time at the end of the tick's sound."""
+        try:
+            self._outgoing.tick(tick, end_ns)
+        except MalformedError as error:
+            self._tell_once("own face", str(error))
+
+    def pull(self, count: int, heard_ns: int) -> Sound:
+        """[count] samples of everybody, the first of which is heard at `heard_ns`."""
+        out = np.zeros(count, np.float32)
+        for partner in self.partners.values():
+            out += partner.voice.pull(count, heard_ns)
+        return np.clip(out, -1, 1)
+
+    def _send(self, stream: Stream, plain: bytes, media: int, counter: int | None) -> None:
+        if self.room is None or not self.may_send():
+            return
+        sealed = self._keys.seal(stream, plain, counter)
+        if self.room.send(stream, sealed, media):
+            self.sent_bytes += len(sealed)
+        else:
+            self.unsendable += 1
+
+    def _packet(self, identity: str, stream: Stream, sealed: bytes) -> None:
+        partner, now_ns = self.partners.get(identity), self._now_ns()
+        if partner is None or partner.hello is None:
+            return
+        if agreement.may_receive(self.hello, partner.hello):
+            show = self._show
+            partner.packet(
+                *(stream, sealed, now_ns),
+                lambda tick, due: show(Sight(identity=identity, tick=tick, due=due), now_ns),
+            )
+            if partner.problem:
+                self._tell_once(partner.hello.name, partner.problem)
+
+    def _seal(self, message: bytes) -> bytes:
+        return bytes.fromhex(self.hello.identity) + self._keys.seal("control", message)
+
+    def _open(self, data: bytes) -> tuple[str, bytes]:
+        identity = data[:16].hex()
+        return identity, self._keys.open(identity, "control", data[16:])[1]
+
+    def _message(self, identity: str, message: bytes) -> None:
+        kind, body = message[:1], message[1:]
+        if kind == BYE:
+            self._leave(identity)
+        elif kind == HELLO:
+            try:
+                hello = agreement.read_hello(body)
+                self._greet(identity, hello)
+            except (MalformedError, SealError) as error:
+                self._tell_once(identity, str(error))
+
+    def _greet(self, identity: str, hello: Hello) -> None:
+        if hello.identity != identity:
+            raise SealError("hello: expected the sender's own identity")
+        if hello.basis != self._packer.number:
+            raise MalformedError(
+                f"{hello.name}: expected face basis {self._packer.number:04x}, got "
+                f"{hello.basis:04x}; both ends need the same version of livedrive"
+            )
+        partner = self.partners.get(identity)
+        if partner is None:
+            if len(self.partners) >= MAX_PEOPLE - 1:
+                raise MalformedError(f"{hello.name}: expected {MAX_PEOPLE} people at most")
+            partner = Partner(identity, self._keys, self._packer, OpusDecoder())
+            self.partners[identity] = partner
+        before, partner.hello, partner.hello_ns = partner.hello, hello, self._now_ns()
+        if before is None or identity not in self.hello.met:
+            self._tell(f"{hello.name} is here")
+            self.say_hello()
+        elif before.met != hello.met or before.accepted != hello.accepted:
+            self.say_hello()
+
+    def _leave(self, identity: str) -> None:
+        partner = self.partners.pop(identity, None)
+        if partner is not None:
+            self._tell(f"{partner.hello.name if partner.hello else 'somebody'} has left")
+            partner.close()
+            self.left.append(partner)
+
+    def _here(self) -> Sequence[Partner]:
+        return [p for p in self.partners.values() if p.hello is not None]
+
+    def _hellos(self) -> list[Hello]:
+        return [p.hello for p in self.partners.values() if p.hello is not None]
+
+    def _tell_once(self, about: str, line: str) -> None:
+        if self._told.get(about) != line:
+            self._told[about] = line
+            self._tell(f"{about}: {line}")
+
+
+def new_identity() -> str:
+    """32 hex digits, drawn anew for every call."""
+    return secrets.token_hex(16)
+
+
+def report_of(call: Call, now_ns: int) -> dict[str, Mapping[str, object]]:
+    """What each partner's line did, by name."""
+    report: dict[str, Mapping[str, object]] = {}
+    for partner in (*call.left, *call.partners.values()):
+        hello, voice = partner.hello, partner.voice.counts
+        due = voice.played + voice.concealed
+        clocks = (
+            agreement.clock_difference_ns(call.hello, hello, partner.hello_ns) if hello else None
+        )
+        report[partner.identity] = {
+            "name": hello.name if hello else "",
+            "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
+            "packets": partner.counts.packets,
+            "refused": partner.counts.refused,
+            "flooded": partner.counts.flooded,
+            "recovered": voice.recovered,
+            "concealed": voice.concealed,
+            "concealed_share": voice.concealed / due if due else 0.0,
+            "jumps": voice.jumps,
+        }
+    return report

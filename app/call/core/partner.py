@@ -1,0 +1,88 @@
+"""One partner: what comes of them is opened, checked, counted and put on their own timeline."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from app.call.media.face import end_of, note
+from app.call.media.timeline import Timeline
+from app.call.media.voice import Decoder, VoiceTrack
+from app.call.wire.agreement import Hello
+from app.call.wire.packet import MalformedError, Packer, Tick
+from app.call.wire.seal import Keyring, SealError
+from sensors.types import NS
+
+RATE = 250.0  # packets a second that are looked at; an honest partner sends 130
+HEARD_NS = NS
+
+
+@dataclass
+class PartnerCounts:
+    packets: int = 0
+    bytes: int = 0
+    refused: int = 0  # forged, repeated, damaged
+    flooded: int = 0  # more than anybody needs
+
+
+class Partner:
+    """Lives as long as the call; comes and goes."""
+
+    def __init__(self, identity: str, keys: Keyring, packer: Packer, decoder: Decoder) -> None:
+        self.identity = identity
+        self.hello: Hello | None = None
+        self.counts = PartnerCounts()
+        self.timeline = Timeline()
+        self.voice = VoiceTrack(self.timeline, decoder)
+        self.problem = ""  # the last thing refused, in one line
+        self.heard_ns = -HEARD_NS  # when voice last came
+        self.came_ns = 0  # when anything last came
+        self.hello_ns = 0
+        self._keys, self._packer = keys, packer
+        self._known: dict[int, None] = {}  # ticks, oldest first
+        self._allowance, self._counted_ns = RATE, 0
+
+    def packet(
+        self, stream: str, sealed: bytes, now_ns: int, show: Callable[[Tick, int], None]
+    ) -> None:
+        """Take a packet of media; new ticks go to `show` with the media at which they are due."""
+        if not self._allow(now_ns):
+            self.counts.flooded += 1
+            return
+        try:
+            counter, plain = self._keys.open(self.identity, stream, sealed)
+            if stream == "codes":
+                self._face(plain, now_ns, show)
+            else:
+                self.voice.push(counter, plain, now_ns)
+                self.heard_ns = now_ns
+        except (SealError, MalformedError) as error:
+            self.counts.refused += 1
+            self.problem = str(error)
+            return
+        self.counts.packets += 1
+        self.counts.bytes += len(sealed)
+        self.came_ns = now_ns
+
+    def is_heard(self, now_ns: int) -> bool:
+        return now_ns - self.heard_ns < HEARD_NS
+
+    def close(self) -> None:
+        self.voice.close()
+
+    def _face(self, plain: bytes, now_ns: int, show: Callable[[Tick, int], None]) -> None:
+        ticks, offset = self._packer.open(plain)
+        new = [tick for tick in ticks if tick.index not in self._known]
+        for tick in reversed(new):
+            self._known[tick.index] = None
+            show(tick, end_of(tick.index, offset))
+        note(self.timeline, [tick.index for tick in new], offset, now_ns)
+        while len(self._known) > 200:
+            del self._known[next(iter(self._known))]
+
+    def _allow(self, now_ns: int) -> bool:
+        passed = (now_ns - self._counted_ns) / NS
+        self._allowance = min(self._allowance + passed * RATE, RATE)
+        self._counted_ns = now_ns
+        if self._allowance < 1:
+            return False
+        self._allowance -= 1
+        return True

@@ -1,0 +1,220 @@
+"""The loop's end of a call: starts its process, feeds it, and takes in what it says.
+
+Microphone -> CallMicrophone (own thread, every few ms) -> call's process
+                    \\-> LiveSource -> ... -> DrivenFrame -> CallSink -> call's process
+"""
+
+import json
+import subprocess
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import asdict, replace
+from typing import Any
+
+import numpy as np
+
+from app.call.live import protocol
+from app.call.live.echo import EchoCanceller
+from app.call.live.protocol import CallSettings
+from app.call.table.seats import Seats
+from app.call.wire.packet import Tick
+from app.drive.controls import ControlPanel, Controls
+from app.drive.sink import FrameResult, RunInfo
+from sensors.live.source import LiveMicrophone
+from sensors.types import NS, AudioPacket, Clock, InputError, Packet, SourceInfo
+
+START_S, END_S = 60, 5
+POLL_S = 0.004
+WAITING = 256  # packets of sound that wait for the loop
+
+
+class CallLink:
+    """Socket and memory to the call's process."""
+
+    def __init__(self, settings: CallSettings, tell: Callable[[str], None]) -> None:
+        self.seats = Seats()
+        self.report: dict[str, Any] = {}
+        self.invite = ""
+        self.error = ""
+        self.ended = False
+        self.muted = self.eyes_muted = False
+        self.on_played: Callable[[bytes], None] | None = None
+        self._tell = tell
+        self._socket, theirs = protocol.pair()
+        self._lock = threading.Lock()
+        descriptors = [theirs.fileno(), self.seats.descriptor]
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "app.call", *map(str, descriptors)],
+            pass_fds=descriptors,
+            stdin=subprocess.DEVNULL,
+        )
+        theirs.close()
+        self.post(protocol.pack_json(protocol.SETTINGS, asdict(settings)))
+
+    def wait_for_invite(self, clock: Clock) -> str:
+        """The invite of a call that was opened here. Raises InputError where it cannot be."""
+        until_ns = clock.now_ns() + START_S * NS
+        while not self.invite:
+            self.read()
+            if self.ended or clock.now_ns() > until_ns:
+                raise InputError(self.error or "call: expected it to open, got nothing; try again")
+            clock.sleep_until_ns(clock.now_ns() + NS // 50)
+        return self.invite
+
+    def change(self, **state: object) -> None:
+        """Fields of the hello: accepted, muted, eyes_muted, records, may_record, ..."""
+        self.muted = bool(state.get("muted", self.muted))
+        self.eyes_muted = bool(state.get("eyes_muted", self.eyes_muted))
+        self.post(protocol.pack_json(protocol.STATE, state))
+
+    def post(self, packet: bytes) -> None:
+        try:
+            self._socket.send(packet)
+        except BlockingIOError:
+            return  # it is too slow: what it misses is concealed at the other end
+        except OSError:
+            self.ended = True
+
+    def read(self) -> None:
+        """Take in what the call's process has sent; never blocks."""
+        with self._lock:
+            while not self.ended:
+                try:
+                    packet = self._socket.recv(protocol.MAX_PACKET)
+                except BlockingIOError:
+                    return
+                except OSError:
+                    packet = b""
+                self._take(packet[:1], packet[1:])
+
+    def close(self) -> None:
+        self.post(protocol.END)
+        try:
+            self._process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self.read()
+        self._socket.close()
+
+    def _take(self, kind: bytes, body: bytes) -> None:
+        if kind == protocol.PLAYED:
+            if self.on_played:
+                self.on_played(body)
+        elif kind == protocol.LINE:
+            self._tell(body.decode(errors="replace"))
+        elif kind == protocol.INVITE:
+            self.invite = json.loads(body)
+        elif kind == protocol.REPORT:
+            self.report = json.loads(body)
+        elif kind == protocol.ERROR:
+            self.error = body.decode(errors="replace")
+            self._tell(self.error)
+        else:
+            self.ended = True
+
+
+class CallMicrophone:
+    """A microphone whose sound goes to the call at once, cleaned, and then to the loop."""
+
+    def __init__(
+        self, microphone: LiveMicrophone, link: CallLink, cleaner: EchoCanceller | None
+    ) -> None:
+        self._microphone, self._link, self._cleaner = microphone, link, cleaner
+        if cleaner is not None:
+            link.on_played = cleaner.played
+        self.problem, self.losses, self.reopened = "", 0, 0
+        self._packets: deque[Packet] = deque(maxlen=WAITING)
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="call microphone", daemon=True)
+
+    @property
+    def info(self) -> SourceInfo:
+        return self._microphone.info
+
+    @property
+    def exhausted(self) -> bool:
+        return self._microphone.exhausted
+
+    @property
+    def dropped(self) -> int:
+        return self._microphone.dropped
+
+    @property
+    def drift_ppm(self) -> float:
+        return self._microphone.drift_ppm
+
+    def open(self) -> None:
+        self._microphone.open()
+        self._thread.start()
+
+    def poll(self) -> list[Packet]:
+        microphone, found = self._microphone, []
+        self.problem, self.losses = microphone.problem, microphone.losses
+        self.reopened = microphone.reopened
+        while self._packets:
+            found.append(self._packets.popleft())
+        return found
+
+    def close(self) -> None:
+        self._closing.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._microphone.close()
+
+    def _run(self) -> None:
+        while not self._closing.wait(POLL_S):
+            self._link.read()
+            for packet in self._microphone.poll():
+                if isinstance(packet, AudioPacket):
+                    if self._cleaner is not None:
+                        packet = replace(packet, samples=self._cleaner.clean(packet.samples))
+                    sound = np.nan_to_num(packet.samples)
+                    self._link.post(protocol.pack_sound(packet.first_sample, packet.t_ns, sound))
+                self._packets.append(packet)
+
+
+class CallSink:
+    """Sends every tick to the call."""
+
+    def __init__(self, link: CallLink) -> None:
+        self._link = link
+
+    def on_start(self, info: RunInfo) -> None: ...
+
+    def on_frame(self, result: FrameResult) -> None:
+        self._link.read()
+        driven = result.driven
+        tick = Tick(
+            index=driven.index,
+            expression=driven.expression,
+            gaze=driven.gaze,
+            head_mm=np.array(driven.head.position, np.float32),
+            head_wxyz=np.array(driven.head.quat, np.float32),
+        )
+        self._link.post(protocol.pack_tick(tick, driven.t_ns))
+
+    def close(self) -> None:
+        self._link.close()
+
+    def network_report(self) -> dict[str, Any]:
+        """{"call": what each partner's line did}."""
+        return {"call": self._link.report}
+
+
+class CallPanel:
+    """Tells the call of the mute button; all else goes to the loop as it was."""
+
+    def __init__(self, panel: ControlPanel, link: CallLink) -> None:
+        self._panel, self._link = panel, link
+        self._told: tuple[bool, ...] = ()
+
+    def read(self) -> Controls:
+        controls = self._panel.read()
+        state = (controls.muted,)
+        if state != self._told:
+            self._told = state
+            self._link.change(muted=controls.muted)
+        return controls

@@ -1,0 +1,203 @@
+"""The call's process: network, Opus and loudspeaker, away from the tick.
+
+loop ==socket==> Service -> Call -> Room          Partner -> Seats ==memory==> whoever draws
+                              Speaker <- Call.pull
+"""
+
+import asyncio
+import json
+import secrets
+import socket
+import threading
+from collections.abc import Callable
+from datetime import UTC, datetime
+
+import numpy as np
+
+from app.call.core.call import Call, Sight, new_identity, report_of
+from app.call.core.status import status_lines
+from app.call.live import protocol
+from app.call.live.protocol import CallSettings
+from app.call.live.speaker import Speaker
+from app.call.media.connection import bind_only
+from app.call.media.voice import PULL
+from app.call.rooms import janus_server
+from app.call.rooms.addresses import own_address
+from app.call.rooms.direct import DirectGuest
+from app.call.rooms.janus import JanusRoom
+from app.call.rooms.janus_server import room_invite
+from app.call.rooms.listen import host_direct
+from app.call.rooms.room import LineSettings
+from app.call.table.seats import Seats
+from app.call.wire.agreement import Hello
+from app.call.wire.invite import Invite, parse
+from app.call.wire.packet import Basis
+from app.call.wire.seal import SECRET_BYTES
+from sensors.types import NS, SAMPLE_RATE, Clock
+
+PLAYED = 480  # samples that go to the echo canceller at a time
+TELL_S = 1.0
+
+
+class Service:
+    """Runs until the loop's end of the socket closes."""
+
+    def __init__(self, end: socket.socket, seats: Seats, basis: Basis, clock: Clock) -> None:
+        self._end, self._seats, self._basis, self._clock = end, seats, basis, clock
+        self._lock = threading.Lock()  # the loudspeaker asks from a thread of its own
+        self._played = np.zeros(0, np.float32)
+        self._call: Call | None = None
+        self._ended = False
+
+    async def run(self, settings: CallSettings) -> None:
+        invite = parse(settings.invite) if settings.invite else None
+        secret = invite.secret if invite else secrets.token_bytes(SECRET_BYTES)
+        if settings.address:
+            bind_only(settings.address)
+        hello = Hello(
+            identity=new_identity(),
+            name=settings.name,
+            avatar=settings.avatar,
+            basis=self._basis.number,
+            accepted=settings.accept,
+        )
+        call = self._call = Call(
+            secret, hello, self._basis, self.tell, self._show, self._clock.now_ns
+        )
+        ended = asyncio.get_running_loop().create_future()
+        asyncio.get_running_loop().add_reader(self._end, self._read, ended)
+        room = await self._open_room(settings, secret, invite, call)
+        speaker, pulling = self._open_speaker(settings)
+        telling = asyncio.create_task(self._keep_telling(call))
+        await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
+        with self._lock:
+            report = report_of(call, self._clock.now_ns())
+            call.say_bye()
+        self._post(protocol.pack_json(protocol.REPORT, report))
+        if speaker is not None:
+            speaker.close()
+        for task in (telling, pulling):
+            if task is not None:
+                task.cancel()
+        assert call.room is not None
+        await call.room.close()
+        call.close()
+        if room.done():
+            room.result()
+        room.cancel()
+
+    async def _open_room(
+        self, settings: CallSettings, secret: bytes, invite: Invite | None, call: Call
+    ) -> asyncio.Task[None]:
+        """Running; the invite of a call that begins here goes to the loop."""
+        line = LineSettings(ice_servers=settings.ice_servers)
+        identity = call.hello.identity
+        if invite is not None and invite.kind == "direct":
+            call.room = DirectGuest(invite, call.events(), line)
+        elif invite is not None:
+            call.room = JanusRoom(invite, identity, call.events(), line)
+        elif settings.room:
+            invite = room_invite(
+                settings.server, settings.room, secret, settings.server_key, self._now_s()
+            )
+            key = janus_server.admin_key(settings.server_key)
+            call.room = JanusRoom(invite, identity, call.events(), line, key)
+            self._post(protocol.pack_json(protocol.INVITE, str(invite)))
+        else:
+            address = settings.address or own_address()
+            call.room, task, invite = await host_direct(
+                (settings.listen, settings.port), address, secret, call.events(), line
+            )
+            self._post(protocol.pack_json(protocol.INVITE, str(invite)))
+            return task
+        return asyncio.create_task(call.room.run())
+
+    @staticmethod
+    def _now_s() -> int:
+        """Of the calendar: a server's token ends at a date."""
+        return int(datetime.now(UTC).timestamp())
+
+    def tell(self, line: str) -> None:
+        """A line for the person, printed by the loop."""
+        self._post(protocol.LINE + line.encode()[:400])
+
+    def _open_speaker(
+        self, settings: CallSettings
+    ) -> tuple[Speaker | None, asyncio.Task[None] | None]:
+        if settings.speaker == "none":
+            return None, asyncio.create_task(self._pull_unheard())
+        return Speaker(settings.speaker, self._clock, self._pull), None
+
+    async def _pull_unheard(self) -> None:
+        """Without a loudspeaker the clock plays, so that the faces keep their time."""
+        due_ns = self._clock.now_ns()
+        while True:
+            due_ns = max(due_ns + PULL * NS // SAMPLE_RATE, self._clock.now_ns() - NS)
+            await asyncio.sleep(max(0, (due_ns - self._clock.now_ns()) / NS))
+            self._pull(PULL, due_ns)
+
+    def _pull(self, count: int, heard_ns: int) -> np.ndarray:
+        with self._lock:
+            call = self._call
+            assert call is not None
+            sound = call.pull(count, heard_ns)
+            for partner in call.partners.values():
+                if partner.timeline.started:
+                    anchor = partner.timeline.anchor
+                    self._seats.hear(partner.identity, anchor, partner.voice.level)
+        self._played = np.concatenate([self._played, sound])
+        while len(self._played) >= PLAYED:
+            words = (self._played[:PLAYED] * 32767).astype("<i2")
+            self._played = self._played[PLAYED:]
+            self._post(protocol.PLAYED + words.tobytes())
+        return sound
+
+    async def _keep_telling(self, call: Call) -> None:
+        while True:
+            with self._lock:
+                call.step()
+                self._seat_partners(call)
+                lines = status_lines(call, self._clock.now_ns())
+            self._seats.lines = lines
+            self._seats.may_record = call.may_record()
+            await asyncio.sleep(TELL_S)
+
+    def _seat_partners(self, call: Call) -> None:
+        here = {p.identity: p.hello for p in call.partners.values() if p.hello is not None}
+        for row in self._seats.rows:
+            if row["identity"] and row["identity"].decode() not in here:
+                self._seats.leave(row["identity"].decode())
+        for identity, hello in here.items():
+            self._seats.take(identity, hello.name, hello.avatar)
+
+    def _show(self, sight: Sight, now_ns: int) -> None:
+        self._seats.post(sight.identity, sight.tick, sight.due, now_ns)
+
+    def _read(self, ended: asyncio.Future[None]) -> None:
+        call = self._call
+        assert call is not None
+        kinds: dict[bytes, Callable[[bytes], None]] = {
+            protocol.SOUND: lambda p: call.speak(*protocol.unpack_sound(p)),
+            protocol.TICK: lambda p: call.tick(*protocol.unpack_tick(p)),
+            protocol.STATE: lambda p: call.change(**json.loads(p[1:])),
+        }
+        while True:
+            try:
+                packet = self._end.recv(protocol.MAX_PACKET)
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            if not packet or packet[:1] == protocol.END:
+                if not ended.done():
+                    ended.set_result(None)
+                return
+            with self._lock:
+                kinds[packet[:1]](packet)
+                self._seats.may_record = call.may_record()
+
+    def _post(self, packet: bytes) -> None:
+        try:
+            self._end.send(packet)
+        except OSError:
+            return  # the loop is busy or gone

@@ -1,0 +1,67 @@
+"""The tape of a call: it runs while it is wanted here and everybody agrees, no packet longer."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+from app.call.live.link import CallLink
+from app.drive.controls import Controls
+from app.drive.tape import PacketRecorder, Tape
+from sensors.types import Packet
+
+STEM = Path("call")
+
+
+class CallTape:
+    """Stands where a Tape does."""
+
+    def __init__(
+        self, link: CallLink, first: Path | None, record_to: Callable[[Path], PacketRecorder]
+    ) -> None:
+        self.wanted = first is not None
+        self.sessions: list[Path] = []
+        self.problem = ""
+        self._link, self._record_to = link, record_to
+        self._folder = first or STEM
+        self._tape: Tape | None = None
+        self._asked = False
+
+    @property
+    def failed(self) -> bool:
+        return self._tape is not None and self._tape.failed
+
+    def append(self, packet: Packet) -> None:
+        self.follow()
+        if self._tape is not None:
+            self._tape.append(packet)
+
+    def apply(self, wanted: Controls) -> None:
+        self.wanted = wanted.recording
+        self.follow()
+
+    def follow(self) -> None:
+        """Ask the others when recording is wanted; start and stop with their consent."""
+        if self.wanted != self._asked:
+            self._asked = self.wanted
+            self._link.change(records=self.wanted)
+        allowed = self.wanted and self._link.seats.may_record
+        if allowed and self._tape is None:
+            self._tape = Tape(self._free(), self._record_to)
+        elif not allowed and self._tape is not None:
+            self._stop()
+
+    def close(self) -> None:
+        self._stop()
+
+    def _stop(self) -> None:
+        if self._tape is not None:
+            self._tape.close()
+            self.sessions += self._tape.sessions
+            self.problem = self._tape.problem or self.problem
+            self._tape = None
+
+    def _free(self) -> Path:
+        folder, number = self._folder, 1
+        while folder.exists():
+            folder = self._folder.with_name(f"{self._folder.name}-{number:03d}")
+            number += 1
+        return folder

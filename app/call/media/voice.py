@@ -1,0 +1,159 @@
+"""A partner's voice, from packets to the samples that the loudspeaker asks for.
+
+What is missing when it is due is recovered from the next packet, or concealed, and counted. The
+drift of both sound cards and every change of the delay are resampled away.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.call.media.opus import MAX_PAYLOAD, PACKET
+from app.call.media.timeline import Timeline
+from sensors.types import SAMPLE_RATE
+
+Sound = NDArray[np.float32]
+BLOCK = 120  # samples that are resampled at a time
+RESAMPLER_DELAY = 240  # samples that soxr keeps when its rate may vary
+PULL = 240  # samples that a loudspeaker asks for at a time, at most, for the delay to be right
+READ_AHEAD = PULL + RESAMPLER_DELAY + BLOCK  # samples decoded before the first of them is heard
+FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from where we play are nonsense
+GONE = 50  # packets missing in a row: the partner is not late but away
+SPEECH_RMS = 0.01
+
+
+class Decoder(Protocol):
+    def decode(self, payload: bytes) -> Sound: ...
+    def recover(self, following: bytes) -> Sound: ...
+    def conceal(self) -> Sound: ...
+    def close(self) -> None: ...
+
+
+@dataclass
+class VoiceCounts:
+    """Packets of 10 ms, each counted when it was due."""
+
+    played: int = 0
+    recovered: int = 0  # of those: from the copy in the next packet
+    concealed: int = 0  # missing
+    jumps: int = 0
+
+
+class VoiceTrack:
+    """Push packets as they come, pull samples as they are due."""
+
+    def __init__(self, timeline: Timeline, decoder: Decoder) -> None:
+        import soxr
+
+        self._soxr = soxr
+        self.counts = VoiceCounts()
+        self.level = 0.0  # root mean square of the newest packet
+        self._timeline, self._decoder = timeline, decoder
+        self._packets: dict[int, bytes] = {}
+        self._known: set[int] = set()  # packets that can be played: arrived, or copied in the next
+        self._silent = False  # the partner said that nothing follows
+        self._next = 0  # packet to decode
+        self._missing = GONE  # in a row
+        self._decoded = np.zeros(0, np.float32)
+        self._ready = np.zeros(0, np.float32)  # resampled
+        self._fed = 0.0  # media position behind all that the resampler got
+        self._pending = 0.0  # samples that the resampler has taken and not yet made
+        self._ahead = 0.0  # samples that we play too early, by the timeline
+        self._playing = False
+        self._resampler: Any = None  # soxr.ResampleStream
+
+    def push(self, number: int, payload: bytes, now_ns: int) -> None:
+        """Packet `number` holds samples 480 * number and on; an empty one says that the partner
+        is muted from there."""
+        late = self._playing and number < self._next
+        if len(payload) > MAX_PAYLOAD or abs(number - self._next) > FAR and self._playing:
+            return
+        for playable in (number, number - 1):
+            if playable not in self._known:
+                self._known.add(playable)
+                self._timeline.arrived("voice", playable * PACKET - READ_AHEAD, now_ns)
+        if not late:
+            self._packets.setdefault(number, payload)
+        if len(self._known) > 2 * FAR:
+            self._forget(number)
+
+    def pull(self, count: int, heard_ns: int) -> Sound:
+        """[count] samples, the first of which is heard at `heard_ns`."""
+        target = self._timeline.target(heard_ns)
+        if target is None:
+            return np.zeros(count, np.float32)
+        media = self._fed - len(self._ready) - self._pending
+        rate = self._timeline.rate(media, heard_ns) if self._playing else None
+        if rate is None:
+            media, rate = max(float(int(target)), 0.0), 1.0
+            self._jump(int(media))
+        self._ahead = media - target
+        self._timeline.played(media, heard_ns, rate)
+        while len(self._ready) < count:
+            self._feed(rate)
+        out, self._ready = self._ready[:count], self._ready[count:]
+        return out
+
+    def close(self) -> None:
+        self._decoder.close()
+        self._resampler, self._playing = None, False
+
+    def _jump(self, media: int) -> None:
+        self.counts.jumps += self._playing
+        self._playing = True
+        self._next = media // PACKET
+        self._fed, self._pending = float(media), 0.0
+        self._ready = np.zeros(0, np.float32)
+        self._decoded = self._decode()[media % PACKET :]
+        limit = 1 + 2 * self._timeline.settings.rate
+        self._resampler = self._soxr.ResampleStream(limit, 1, 1, "float32", "LQ", vr=True)
+
+    def _feed(self, rate: float) -> None:
+        """One block through the resampler."""
+        while len(self._decoded) < BLOCK:
+            self._decoded = np.concatenate([self._decoded, self._decode()])
+        block, self._decoded = self._decoded[:BLOCK], self._decoded[BLOCK:]
+        self._fed += BLOCK
+        self._resampler.set_io_ratio(rate, 1.0)
+        made = self._resampler.resample_chunk(block)
+        self._pending += BLOCK / rate - len(made)
+        self._ready = np.concatenate([self._ready, made])
+
+    def _decode(self) -> Sound:
+        """The next 480 samples."""
+        number = self._next
+        if self._is_early(number):  # the line became slower: the sound waits for it
+            self._fed -= PACKET
+            self._ahead -= PACKET
+            self.counts.concealed += 1
+            return self._decoder.conceal()
+        self._next += 1
+        own = self._packets.pop(number, None)
+        following = self._packets.get(number + 1)
+        if own == b"" or self._silent and not own:
+            self._silent = True
+            sound = np.zeros(PACKET, np.float32)
+        elif own or following:
+            self._missing, self._silent = 0, False
+            self.counts.played += 1
+            self.counts.recovered += own is None
+            sound = self._decoder.decode(own) if own else self._decoder.recover(following or b"")
+        elif self._missing >= GONE:
+            sound = np.zeros(PACKET, np.float32)
+        else:
+            self._missing += 1
+            self.counts.concealed += 1
+            sound = self._decoder.conceal()
+        self.level = float(np.sqrt(np.mean(sound * sound)))
+        return sound
+
+    def _is_early(self, number: int) -> bool:
+        """Nothing is there to be played, and by the timeline it is not yet time for it."""
+        there = number in self._packets or number + 1 in self._packets
+        return not there and self._ahead > PACKET and self._missing < GONE and not self._silent
+
+    def _forget(self, number: int) -> None:
+        self._known = {k for k in self._known if abs(k - number) < FAR}
+        self._packets = {k: p for k, p in self._packets.items() if abs(k - number) < FAR}

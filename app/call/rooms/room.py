@@ -1,0 +1,49 @@
+"""What a call needs of the way that its ends find each other."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Protocol
+
+from app.call.media.connection import Reroute, Stream
+
+BYE, HELLO, OFFER, ANSWER = b"B", b"H", b"O", b"A"  # first byte of a message
+
+
+@dataclass(frozen=True, kw_only=True)
+class Events:
+    """What a room tells the call, and asks it."""
+
+    packet: Callable[[str, Stream, bytes], None]  # identity, stream, sealed
+    seal: Callable[[bytes], bytes]  # a message, with who sends it
+    open: Callable[[bytes], tuple[str, bytes]]  # identity and message; SealError
+    message: Callable[[str, bytes], None]  # identity and message, of a kind not the room's own
+    opened: Callable[[], None]  # messages can be said now
+    ready: Callable[[], bool]  # both ends have accepted
+    tell: Callable[[str], None]  # a line for the person
+
+
+@dataclass(frozen=True, kw_only=True)
+class LineSettings:
+    """How the media travels."""
+
+    ice_servers: tuple[str, ...] = ()
+    reroute: Reroute | None = field(default=None, compare=False)
+
+
+class Room(Protocol):
+    """Direct, or through a server."""
+
+    async def run(self) -> None:
+        """Connect, and again whenever the line breaks, until cancelled. Raises InputError where
+        trying again would be in vain."""
+        ...
+
+    def send(self, stream: Stream, sealed: bytes, pts: int) -> bool:
+        """Media for everyone; False: nobody took it."""
+        ...
+
+    def say(self, message: bytes) -> None:
+        """A message for everyone, sealed here."""
+        ...
+
+    async def close(self) -> None: ...

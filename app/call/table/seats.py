@@ -1,0 +1,184 @@
+"""Memory that the call's process shares with everything that draws: who sits where, their ticks.
+
+    call -> Seats -> window, page, pictures: each asks its own FaceTrack for the pose of its moment
+
+Nobody waits: the writer overwrites the oldest tick, a reader takes what it finds whole.
+"""
+
+import mmap
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.call.media.face import FaceTrack
+from app.call.wire.agreement import MAX_PEOPLE
+from app.call.wire.packet import Tick
+from sensors.types import NS, SAMPLE_RATE
+
+SLOTS = 16  # ticks of a partner
+TICK = np.dtype(
+    [
+        ("number", "<i8"),  # of posting, from 1; 0 while it is written
+        ("index", "<i8"),
+        ("due", "<i8"),  # media, see FaceTrack
+        ("came_ns", "<i8"),
+        ("expression", "<f4", (256,)),
+        ("gaze", "<f4", (2, 3)),
+        ("head_mm", "<f4", (3,)),
+        ("head_wxyz", "<f4", (4,)),
+    ],
+    align=True,
+)
+SEAT = np.dtype(
+    [
+        ("identity", "S32"),  # empty: nobody sits here
+        ("name", "S160"),  # UTF-8
+        ("avatar", "S160"),  # a name
+        ("muted", "?"),
+        ("level", "<f4"),  # of the voice
+        ("posted", "<i8"),
+        ("anchor", "<f8", (2,)),  # media, and media samples a sample of ours ...
+        ("anchor_ns", "<i8"),  # ... at this moment of our clock
+        ("ticks", TICK, (SLOTS,)),
+    ],
+    align=True,
+)
+STATUS = np.dtype([("lines", "S2000"), ("may_record", "?")])  # lines for the screen, UTF-8
+
+
+class Seats:
+    """The memory, made here or opened by its descriptor."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        size = SEAT.itemsize * (MAX_PEOPLE - 1) + STATUS.itemsize
+        if descriptor is None:
+            descriptor = os.memfd_create("livedrive-call", 0)
+            os.ftruncate(descriptor, size)
+        self.descriptor = descriptor
+        memory = mmap.mmap(descriptor, size)
+        self.rows = np.frombuffer(memory, SEAT, MAX_PEOPLE - 1)
+        self._status: Any = np.frombuffer(memory, STATUS, 1, SEAT.itemsize * (MAX_PEOPLE - 1))
+
+    @property
+    def lines(self) -> list[str]:
+        """What the screen shows of the call."""
+        return self._status["lines"][0].decode(errors="ignore").splitlines()
+
+    @lines.setter
+    def lines(self, lines: list[str]) -> None:
+        self._status["lines"][0] = "\n".join(lines).encode()[:2000]
+
+    @property
+    def may_record(self) -> bool:
+        """Everybody agreed."""
+        return bool(self._status["may_record"][0])
+
+    @may_record.setter
+    def may_record(self, agreed: bool) -> None:
+        self._status["may_record"][0] = agreed
+
+    def take(self, identity: str, name: str, avatar: str) -> None:
+        """Sit down, or tell a new name; the eighth person finds no seat."""
+        seat = self._seat(identity)
+        if seat is None:
+            free = [row for row in self.rows if not row["identity"]]
+            if not free:
+                return
+            seat = free[0]
+            seat["posted"], seat["anchor_ns"], seat["ticks"]["number"] = 0, 0, 0
+        seat["name"], seat["avatar"] = name.encode(), avatar.encode()
+        seat["identity"] = identity.encode()
+
+    def leave(self, identity: str) -> None:
+        seat = self._seat(identity)
+        if seat is not None:
+            seat["identity"] = b""
+
+    def post(self, identity: str, tick: Tick, due: int, now_ns: int) -> None:
+        seat = self._seat(identity)
+        if seat is None:
+            return
+        number = int(seat["posted"]) + 1
+        slot = seat["ticks"][number % SLOTS]
+        slot["number"] = 0
+        slot["index"], slot["due"], slot["came_ns"] = tick.index, due, now_ns
+        slot["expression"], slot["gaze"] = tick.expression, tick.gaze
+        slot["head_mm"], slot["head_wxyz"] = tick.head_mm, tick.head_wxyz
+        slot["number"] = seat["posted"] = number
+
+    def hear(self, identity: str, anchor: tuple[int, float, float], level: float) -> None:
+        """What is heard of `identity`: Timeline.anchor, and how loud."""
+        seat = self._seat(identity)
+        if seat is not None:
+            seat["anchor_ns"], seat["level"] = 0, level
+            seat["anchor"] = anchor[1:]
+            seat["anchor_ns"] = anchor[0]
+
+    def close(self) -> None:
+        os.close(self.descriptor)
+
+    def _seat(self, identity: str) -> Any:
+        found = [row for row in self.rows if row["identity"] == identity.encode()]
+        return found[0] if found else None
+
+
+@dataclass(frozen=True, eq=False)
+class Sitter:
+    """A partner as drawn at one moment."""
+
+    place: int
+    identity: str
+    name: str
+    avatar: str
+    tick: Tick
+    presence: float  # 0 gone .. 1 here
+    level: float  # of the voice
+
+
+class SeatReader:
+    """Turns what is in the memory into poses; each reader has one."""
+
+    def __init__(self, seats: Seats) -> None:
+        self.seats = seats
+        self.faces: dict[str, FaceTrack] = {}
+        self._taken: dict[str, int] = {}  # number of the newest tick
+
+    def sitters(self, now_ns: int) -> list[Sitter]:
+        """Everybody whose face is known, in the order of their seats."""
+        found = []
+        for place, row in enumerate(self.seats.rows):
+            identity = row["identity"].decode()
+            anchor_ns, (media, rate) = int(row["anchor_ns"]), row["anchor"]
+            if not identity or not anchor_ns:
+                continue
+            face = self.faces.setdefault(identity, FaceTrack())
+            self._push(identity, row, face)
+            media += (now_ns - anchor_ns) / NS * SAMPLE_RATE * rate
+            shown = face.pose(media, now_ns)
+            if shown is not None:
+                name, avatar = (row[k].decode(errors="ignore") for k in ("name", "avatar"))
+                level = float(row["level"])
+                found.append(
+                    Sitter(place, identity, name, avatar, shown.tick, shown.presence, level)
+                )
+        return found
+
+    def _push(self, identity: str, row: Any, face: FaceTrack) -> None:
+        last = self._taken.get(identity, 0)
+        numbers = row["ticks"]["number"].copy()
+        for number in np.sort(numbers[numbers > last]):
+            slot = row["ticks"][number % SLOTS].copy()
+            if slot["number"] != number or row["ticks"][number % SLOTS]["number"] != number:
+                continue
+            tick = Tick(
+                index=int(slot["index"]),
+                expression=slot["expression"],
+                gaze=slot["gaze"],
+                head_mm=slot["head_mm"],
+                head_wxyz=slot["head_wxyz"],
+            )
+            face.push(tick, int(slot["due"]), int(slot["came_ns"]))
+            last = int(number)
+        self._taken[identity] = last

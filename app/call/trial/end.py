@@ -1,0 +1,188 @@
+"""One end of a trial, in a process of its own: `python -m app.call.trial.end CONFIG`.
+
+It says the material in real time, plays its partner on a sound card that is only a clock, looks at
+the partner's face 30 times a second, and writes down what it heard and saw.
+"""
+
+import asyncio
+import gc
+import json
+import secrets
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.call.core.call import Call, Sight, new_identity, report_of
+from app.call.media.connection import bind_only
+from app.call.media.face import FaceTrack
+from app.call.rooms.direct import DirectGuest
+from app.call.rooms.listen import host_direct
+from app.call.rooms.room import LineSettings
+from app.call.trial.material import Material, load_material
+from app.call.wire.agreement import Hello
+from app.call.wire.invite import parse
+from app.call.wire.packet import Tick
+from app.call.wire.seal import SECRET_BYTES
+from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
+
+BLOCK = 480  # samples that the microphone delivers at a time
+PULL = 240  # samples that the loudspeaker asks for at a time
+STALL_NS = NS // 10
+WARM_UP_S = 6.0  # of connecting and settling, not judged
+
+
+@dataclass(frozen=True, kw_only=True)
+class EndSettings:
+    name: str
+    material: str  # file
+    out: str  # file
+    leg: int  # port of the relay; 0: none
+    invite: str = ""  # empty: this end listens
+    seconds: float = 20.0
+    start: int = 0  # tick of the material to begin with
+
+
+async def run(settings: EndSettings) -> None:
+    bind_only("127.0.0.1")
+    material = load_material(Path(settings.material))
+    hello = Hello(
+        identity=new_identity(), name=settings.name, basis=material.basis.number, accepted=True
+    )
+    recorder = Recorder(settings, material)
+    line = LineSettings(reroute=recorder.reroute if settings.leg else None)
+    secret = parse(settings.invite).secret if settings.invite else secrets.token_bytes(SECRET_BYTES)
+    call = Call(secret, hello, material.basis, _tell, recorder.show, time.monotonic_ns)
+    if settings.invite:
+        call.room = DirectGuest(parse(settings.invite), call.events(), line)
+        task = asyncio.create_task(call.room.run())
+    else:
+        call.room, task, invite = await host_direct(
+            ("127.0.0.1", 0), "127.0.0.1", secret, call.events(), line
+        )
+        print(json.dumps({"invite": str(invite)}), flush=True)
+    await recorder.play(call)
+    await asyncio.sleep(1)  # the other end has the same right to be heard out
+    call.say_bye()
+    task.cancel()
+    await call.room.close()
+    recorder.save()
+
+
+class Recorder:
+    """Plays the material and keeps what came of the partner."""
+
+    def __init__(self, settings: EndSettings, material: Material) -> None:
+        self._settings, self._material = settings, material
+        self._face = FaceTrack()
+        self._heard: list[np.ndarray] = []
+        self._seen: list[tuple[int, np.ndarray, float]] = []  # our clock, code, media of the sound
+        self._ticks: dict[int, np.ndarray] = {}
+        self._origin_ns = self._first_heard_ns = 0
+        self._cpu_s = self._wall_s = 0.0
+        self._sent_bytes = self._stalled_ns = 0
+        self._partner: Mapping[str, Any] = {}
+
+    async def reroute(self, host: str, port: int) -> tuple[str, int]:  # noqa: ARG002
+        return "127.0.0.1", self._settings.leg
+
+    def show(self, sight: Sight, now_ns: int) -> None:
+        self._face.push(sight.tick, sight.due, now_ns)
+        self._ticks[sight.tick.index] = sight.tick.expression
+
+    async def play(self, call: Call) -> None:
+        settings = self._settings
+        while not call.may_send():
+            await asyncio.sleep(0.05)
+            call.step()
+        gc.collect()
+        gc.freeze()
+        start_ns = self._origin_ns = time.monotonic_ns()
+        total = int((settings.seconds + WARM_UP_S) * SAMPLE_RATE)
+        judged = False
+        for now in range(0, total, PULL):
+            due_ns = start_ns + now * NS // SAMPLE_RATE
+            await asyncio.sleep(max(0, (due_ns - time.monotonic_ns()) / NS))
+            late_ns = time.monotonic_ns() - due_ns
+            if late_ns > STALL_NS:  # the machine was busy elsewhere: the sound card stood still
+                self._stalled_ns += late_ns
+                start_ns, due_ns = start_ns + late_ns, due_ns + late_ns
+            if not judged and now >= WARM_UP_S * SAMPLE_RATE:
+                judged, self._first_heard_ns = True, due_ns
+                self._begin(call)
+            if now % BLOCK == 0 and now:
+                call.speak(
+                    now - BLOCK, self._sound(now - BLOCK), due_ns - BLOCK * NS // SAMPLE_RATE
+                )
+            sound = call.pull(PULL, due_ns)
+            if judged:
+                self._heard.append(sound)
+            if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
+                self._tick(call, now // SAMPLES_PER_FRAME - 1, start_ns)
+                self._look(call, due_ns, judged)
+            if now % SAMPLE_RATE == 0:
+                call.step()
+        self._cpu_s = time.process_time() - self._cpu_s
+        self._wall_s = time.monotonic() - self._wall_s
+        self._sent_bytes = call.sent_bytes - self._sent_bytes
+        self._partner = next(iter(report_of(call, time.monotonic_ns()).values()), {})
+
+    def _begin(self, call: Call) -> None:
+        """What came before is warm-up."""
+        for partner in call.partners.values():
+            partner.voice.counts = type(partner.voice.counts)()
+        self._face.counts = type(self._face.counts)()
+        self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
+        self._sent_bytes = call.sent_bytes
+
+    def _sound(self, at: int) -> np.ndarray:
+        at += self._settings.start * SAMPLES_PER_FRAME
+        return np.take(self._material.sound, np.arange(at, at + BLOCK), mode="wrap")
+
+    def _tick(self, call: Call, index: int, start_ns: int) -> None:
+        m = self._material
+        row = (index + self._settings.start) % len(m.expression)
+        end_ns = start_ns + (index + 1) * SAMPLES_PER_FRAME * NS // SAMPLE_RATE
+        call.tick(Tick(index, m.expression[row], m.gaze[row]), end_ns)
+
+    def _look(self, call: Call, now_ns: int, judged: bool) -> None:
+        for partner in call.partners.values():
+            if partner.timeline.started:
+                media = partner.timeline.media_at(now_ns)
+                shown = self._face.pose(media, now_ns)
+                if shown is not None and judged:
+                    self._seen.append((now_ns, shown.tick.expression, media))
+
+    def save(self) -> None:
+        report: dict[str, Any] = {
+            "partner": self._partner,
+            "due": self._face.counts.due,
+            "held": self._face.counts.held,
+            "cpu_share": self._cpu_s / self._wall_s,
+            "sealed_kbps": self._sent_bytes * 8 / self._wall_s / 1e3,
+            "stalled_ms": self._stalled_ns / 1e6,
+            "origin_ns": self._origin_ns,
+            "first_heard_ns": self._first_heard_ns,
+            "settings": asdict(self._settings),
+        }
+        np.savez(
+            self._settings.out,
+            heard=np.concatenate(self._heard) if self._heard else np.zeros(0, np.float32),
+            seen_ns=np.array([t for t, *_ in self._seen], np.int64),
+            seen=np.array([code for _, code, _ in self._seen], np.float32).reshape(-1, 256),
+            ticks=np.array(list(self._ticks), np.int64),
+            codes=np.array(list(self._ticks.values()), np.float32).reshape(-1, 256),
+            report=json.dumps(report),
+        )
+
+
+def _tell(line: str) -> None:
+    print(json.dumps({"told": line}), flush=True)
+
+
+if __name__ == "__main__":
+    asyncio.run(run(EndSettings(**json.loads(sys.argv[1]))))

@@ -1,0 +1,123 @@
+"""What an end heard and saw, against what the other said and did: not by anybody's bookkeeping but
+by comparing sound with sound and codes with codes.
+"""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.call.trial.material import Material
+from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
+
+WINDOW = SAMPLE_RATE // 2  # samples of sound that are found in what was said
+SEARCH = SAMPLE_RATE // 2  # samples later than it was said at most
+ALIKE = 0.5  # correlation from which a window counts
+STEP_MS = 2.0
+SHIFTS_MS = np.arange(-120, 120 + STEP_MS, STEP_MS)  # of the face that are tried
+CLEAR = 0.5  # of the median miss: a face that hardly moves fits everywhere and tells no time
+SHARPEN = 0.95  # voice is periodic and low; without its slow part it is found without doubt
+
+
+@dataclass(frozen=True)
+class Found:
+    """One end's files."""
+
+    report: dict[str, Any]
+    heard: NDArray[np.float32]
+    seen_ns: NDArray[np.int64]
+    seen: NDArray[np.float32]  # [N, 256]
+    ticks: NDArray[np.int64]
+    codes: NDArray[np.float32]  # [M, 256]
+
+
+def load_found(path: Path) -> Found:
+    with np.load(path) as file:
+        report = json.loads(str(file["report"]))
+        return Found(
+            report, *(file[name] for name in ("heard", "seen_ns", "seen", "ticks", "codes"))
+        )
+
+
+def delays_ms(here: Found, there: Found, material: Material) -> NDArray[np.float64]:
+    """[n, 2]: our clock in ns at the middle of each window of sound, and how long before what is
+    heard there was said, in ms."""
+    start = there.report["settings"]["start"] * SAMPLES_PER_FRAME
+    first_ns, origin_ns = here.report["first_heard_ns"], there.report["origin_ns"]
+    rows = []
+    for at in range(0, len(here.heard) - WINDOW + 1, WINDOW // 2):
+        heard_ns = first_ns + at * 1e9 / SAMPLE_RATE
+        said_by_now = round((heard_ns - origin_ns) * SAMPLE_RATE / 1e9)
+        reach = np.arange(said_by_now - SEARCH, said_by_now + WINDOW) + start
+        said = np.take(material.sound, reach, mode="wrap").astype(np.float64)
+        lag = _lag(here.heard[at : at + WINDOW].astype(np.float64), said)
+        if lag is not None:
+            rows.append((heard_ns + WINDOW / 2 * 1e9 / SAMPLE_RATE, (SEARCH - lag) / 48))
+    return np.array(rows, np.float64).reshape(-1, 2)
+
+
+def lips_ms(
+    here: Found, there: Found, material: Material, delays: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """[n] for each second in which the face moves: how much later it is than the sound, in ms.
+
+    It is the shift by which the poses of that second fit best what the other's face did.
+    """
+    if not len(delays):
+        return np.zeros(0)
+    origin_ns, start = there.report["origin_ns"], there.report["settings"]["start"]
+    delay = np.interp(here.seen_ns, delays[:, 0], delays[:, 1])
+    heard = ((here.seen_ns - origin_ns) / 1e6 - delay) * FPS / 1e3 - 1 + start  # as a tick
+    found = []
+    for second in np.unique(here.seen_ns // NS):
+        rows = np.flatnonzero(here.seen_ns // NS == second)
+        if len(rows) < FPS // 2:
+            continue
+        misses = np.array(
+            [
+                np.sum((here.seen[rows] - _between(material, heard[rows] - shift * FPS / 1e3)) ** 2)
+                for shift in SHIFTS_MS
+            ]
+        )
+        best = int(misses.argmin())
+        if 0 < best < len(SHIFTS_MS) - 1 and misses[best] < CLEAR * np.median(misses):
+            found.append(SHIFTS_MS[best] + STEP_MS * _vertex(*misses[best - 1 : best + 2]))
+    return np.array(found)
+
+
+def lips_error_mm(here: Found, there: Found, material: Material) -> float:
+    """The farthest that any point of the lips is off in a tick as it was decoded."""
+    rows = (here.ticks + there.report["settings"]["start"]) % len(material.expression)
+    error = (here.codes - material.expression[rows]) @ material.lips
+    return float(np.linalg.norm(error.reshape(-1, 3), axis=1).max(initial=0))
+
+
+def _lag(heard: NDArray[np.float64], said: NDArray[np.float64]) -> float | None:
+    """At which sample of `said` `heard` begins, to a fraction; None where they are not alike."""
+    heard, said = (x[1:] - SHARPEN * x[:-1] for x in (heard, said))
+    size = 1 << (len(said) + len(heard) - 1).bit_length()
+    product = np.fft.irfft(np.fft.rfft(said, size) * np.conj(np.fft.rfft(heard, size)), size)
+    product = product[: len(said) - len(heard) + 1]
+    squares = np.concatenate([[0], np.cumsum(said * said)])
+    energy = squares[len(heard) :] - squares[: -len(heard)]
+    alike = product / np.sqrt(np.maximum(energy * (heard @ heard), 1e-9))
+    best = int(alike.argmax())
+    if alike[best] < ALIKE or not 0 < best < len(alike) - 1:
+        return None
+    return best + _vertex(*alike[best - 1 : best + 2])
+
+
+def _between(material: Material, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[n, 256] of the other's face at `ticks`, between whole ones too."""
+    whole = np.floor(ticks).astype(int)
+    share = (ticks - whole)[:, None]
+    codes = material.expression
+    return (1 - share) * codes[whole % len(codes)] + share * codes[(whole + 1) % len(codes)]
+
+
+def _vertex(left: float, middle: float, right: float) -> float:
+    """Where between -1 and 1 the parabola through three values has its extreme."""
+    return 0.5 * (left - right) / (left - 2 * middle + right + 1e-12)

@@ -1,0 +1,142 @@
+"""Runs both ends of a call over each line and sets up the table of `call test`."""
+
+import asyncio
+import json
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from app.call.trial import judge
+from app.call.trial.end import WARM_UP_S, EndSettings
+from app.call.trial.material import Material
+from app.call.trial.relay import Leg, Line, open_line
+from app.terminal.thresholds import at_most
+
+PATIENCE_S = 60.0  # beyond the call itself, for a busy machine
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bar:
+    delay_ms: float
+    concealed: float
+    held: float
+    lips_ms: float
+
+
+BARS = {
+    "clean": Bar(delay_ms=45, concealed=0, held=0, lips_ms=5),
+    "20+-5 ms, 1 % loss": Bar(delay_ms=75, concealed=0.005, held=0.005, lips_ms=10),
+    "40+-20 ms, 5 % loss": Bar(delay_ms=130, concealed=0.01, held=0.01, lips_ms=20),
+    "10 % loss in bursts": Bar(delay_ms=160, concealed=0.12, held=0.10, lips_ms=20),
+}
+KBPS, CPU_SHARE, LIPS_MM = 160.0, 0.15, 0.05
+
+
+def run_ends(
+    line: Line, material: Material, seconds: float, seed: int
+) -> tuple[judge.Found, judge.Found, float]:
+    """Both ends talk over `line` for so long; what each found, and kb/s of the busier."""
+    with tempfile.TemporaryDirectory() as folder:
+        files = [Path(folder) / name for name in ("material.npz", "ann.npz", "ben.npz")]
+        material.save(files[0])
+        legs = asyncio.run(_run(line, files, seconds, seed, len(material.expression)))
+        ann, ben = judge.load_found(files[1]), judge.load_found(files[2])
+    kbps = max(leg.bytes for leg in legs) * 8 / (seconds + WARM_UP_S) / 1e3
+    return ann, ben, kbps
+
+
+def run_line(line: Line, material: Material, seconds: float, seed: int) -> dict[str, float]:
+    """What became of a call over `line`, the worse end of two."""
+    ann, ben, kbps = run_ends(line, material, seconds, seed)
+    rows = [_judge(*pair, material) for pair in ((ann, ben), (ben, ann))]
+    return {name: max(row[name] for row in rows) for name in rows[0]} | {"kbps": kbps}
+
+
+def metrics_of(
+    line: Line, found: dict[str, float]
+) -> tuple[dict[str, float], list[dict[str, Any]]]:
+    """The report's `metrics` and `bars` of one line."""
+    bar = BARS[line.name]
+    limits = {
+        "delay_p50_ms": bar.delay_ms,
+        "concealed": bar.concealed,
+        "held": bar.held,
+        "lips_ms": bar.lips_ms,
+        "kbps": KBPS,
+        "cpu_share": CPU_SHARE,
+        "lips_error_mm": LIPS_MM,
+    }
+    metrics = {f"{line.name}: {name}": round(value, 4) for name, value in found.items()}
+    bars = [at_most(f"{line.name}: {name}", found[name], limit) for name, limit in limits.items()]
+    return metrics, bars
+
+
+def _judge(here: judge.Found, there: judge.Found, material: Material) -> dict[str, float]:
+    delays = judge.delays_ms(here, there, material)
+    lips = judge.lips_ms(here, there, material, delays)
+    nothing = float("inf")  # heard or seen: no bar holds
+    report = here.report
+    return {
+        "delay_p50_ms": float(np.median(delays[:, 1])) if len(delays) else nothing,
+        "delay_spread_ms": float(np.ptp(delays[:, 1])) if len(delays) else nothing,
+        "concealed": report["partner"].get("concealed_share", nothing),
+        "held": report["held"] / report["due"] if report["due"] else nothing,
+        "lips_ms": float(np.abs(lips).max()) if len(lips) else nothing,
+        "lips_p50_ms": float(np.median(lips)) if len(lips) else nothing,
+        "stalled_ms": report["stalled_ms"],
+        "cpu_share": report["cpu_share"],
+        "lips_error_mm": judge.lips_error_mm(here, there, material),
+    }
+
+
+async def _run(
+    line: Line, files: Sequence[Path], seconds: float, seed: int, ticks: int
+) -> tuple[Leg, Leg]:
+    legs = await open_line(line, seed)
+    common = {"material": str(files[0]), "seconds": seconds}
+    host = await _start(EndSettings(name="Ann", out=str(files[1]), leg=legs[0].port, **common))
+    ends = [host]
+    try:
+        async with asyncio.timeout(seconds + WARM_UP_S + PATIENCE_S):
+            invite = json.loads(await _line(host))["invite"]
+            settings = EndSettings(
+                name="Ben",
+                out=str(files[2]),
+                leg=legs[1].port,
+                invite=invite,
+                start=ticks // 3,
+                **common,
+            )
+            ends.append(await _start(settings))
+            told = await asyncio.gather(*(end.communicate() for end in ends))
+        for end, (_, errors) in zip(ends, told, strict=True):
+            if end.returncode:
+                raise OSError(f"call test: an end failed: {errors.decode()[-300:]}")
+    finally:
+        for end in ends:
+            if end.returncode is None:
+                end.kill()
+        for leg in legs:
+            leg.close()
+    return legs
+
+
+async def _start(settings: EndSettings) -> asyncio.subprocess.Process:
+    command = [sys.executable, "-m", "app.call.trial.end", json.dumps(asdict(settings))]
+    pipe = asyncio.subprocess.PIPE
+    return await asyncio.create_subprocess_exec(*command, stdout=pipe, stderr=pipe)
+
+
+async def _line(end: asyncio.subprocess.Process) -> bytes:
+    assert end.stdout is not None
+    line = await end.stdout.readline()
+    if not line:
+        assert end.stderr is not None
+        errors = (await end.stderr.read()).decode()
+        raise OSError(f"call test: an end failed to start: {errors[-300:]}")
+    return line

@@ -1,0 +1,119 @@
+"""Who agreed to what. Each end tells its whole state again and again; a lost message changes
+nothing, and what may be sent or recorded follows from the states alone.
+"""
+
+import json
+from collections.abc import Collection, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
+from typing import Any
+
+from app.call.wire.packet import VERSION, MalformedError
+
+MAX_HELLO = 4096  # bytes
+MAX_NAME = 40  # characters
+MAX_PEOPLE = 8
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hello:
+    """The state of one end. `identity` is drawn anew for every call."""
+
+    version: int = VERSION
+    identity: str  # 32 hex digits
+    name: str
+    avatar: str = ""  # a name; it is drawn as such where it is known
+    basis: int
+    accepted: bool = False  # agrees to send and to be sent to
+    muted: bool = False
+    eyes_muted: bool = False
+    records: bool = False  # asks to record, and does so once everybody agrees
+    may_record: bool = False  # agrees to be recorded
+    origin_ns: int = 0  # this end's clock at its sample 0
+    now_ns: int = 0  # this end's clock when this was written
+    met: tuple[str, ...] = ()  # identities whose hello came
+    hears: tuple[str, ...] = ()  # identities whose voice is heard here
+    echoes: tuple[tuple[str, int, int], ...] = ()  # identity, its newest now_ns, our clock at that
+
+    def to_bytes(self) -> bytes:
+        return json.dumps(asdict(self), separators=(",", ":")).encode()
+
+
+def read_hello(data: bytes) -> Hello:
+    """Raises MalformedError, with one line, for anything else than a hello."""
+    if len(data) > MAX_HELLO:
+        raise MalformedError(f"hello: expected {MAX_HELLO} bytes at most, got {len(data)}")
+    try:
+        given = json.loads(data)
+    except (ValueError, RecursionError):
+        raise MalformedError("hello: expected JSON") from None
+    if not isinstance(given, dict):
+        raise MalformedError("hello: expected an object")
+    if given.get("version") != VERSION:
+        got = str(given.get("version"))[:20]
+        raise MalformedError(f"hello: expected version {VERSION}, got {got}; update both ends")
+    return Hello(**{f.name: _checked(f.name, f.type, given) for f in fields(Hello)})
+
+
+def _checked(name: str, kind: object, given: Mapping[str, Any]) -> Any:
+    value = given.get(name)
+    if name == "echoes":
+        return _echoes(value)
+    if kind not in (str, int, bool):
+        if isinstance(value, list) and len(value) <= MAX_PEOPLE:
+            texts = [v for v in value if isinstance(v, str) and len(v) <= 64]
+            if len(texts) == len(value):
+                return tuple(texts)
+    elif type(value) is kind:
+        if isinstance(value, str):
+            value = "".join(c for c in value if c.isprintable())[:64]
+            return value[:MAX_NAME] if name in ("name", "avatar") else value
+        if not isinstance(value, int) or -(2**63) <= value < 2**63:
+            return value
+    wanted = getattr(kind, "__name__", "a list of short texts")
+    raise MalformedError(f"hello: {name}: expected {wanted}, got {str(value)[:40]!r}")
+
+
+def _echoes(value: Any) -> tuple[tuple[str, int, int], ...]:
+    if isinstance(value, list) and len(value) <= MAX_PEOPLE:
+        rows = [tuple(row) for row in value if isinstance(row, list)]
+        if len(rows) == len(value) and all([type(v) for v in r] == [str, int, int] for r in rows):
+            return tuple((str(a)[:64], int(b), int(c)) for a, b, c in rows)
+    raise MalformedError("hello: echoes: expected rows of identity and two times")
+
+
+def is_fresh(mine: Hello, theirs: Hello) -> bool:
+    """True once their hello names this end's identity, which was drawn for this call: it is no
+    recording of an earlier one."""
+    return mine.identity in theirs.met
+
+
+def may_send(mine: Hello, theirs: Iterable[Hello]) -> bool:
+    """Nothing leaves before this end and at least one other have accepted."""
+    return mine.accepted and any(t.accepted and is_fresh(mine, t) for t in theirs)
+
+
+def may_receive(mine: Hello, theirs: Hello) -> bool:
+    return mine.accepted and theirs.accepted and is_fresh(mine, theirs)
+
+
+def may_record(mine: Hello, theirs: Collection[Hello]) -> bool:
+    """What is said is written down only while everybody present agrees."""
+    return mine.records and len(theirs) > 0 and all(t.may_record for t in theirs)
+
+
+def heard_by(mine: Hello, theirs: Iterable[Hello]) -> int:
+    """How many hear this end now."""
+    return sum(mine.identity in t.hears for t in theirs)
+
+
+def clock_difference_ns(mine: Hello, theirs: Hello, now_ns: int) -> tuple[int, int] | None:
+    """Their clock minus ours, and the round trip it was told by; None before the first echo.
+
+    They echo our newest `now_ns` with their clock when it came; `now_ns` is ours as `theirs` came.
+    """
+    for identity, sent_ns, came_ns in theirs.echoes:
+        if identity == mine.identity:
+            there_ns = theirs.now_ns - came_ns
+            trip_ns = max(now_ns - sent_ns - there_ns, 0)
+            return theirs.now_ns + trip_ns // 2 - now_ns, trip_ns
+    return None

@@ -1,0 +1,1 @@
+"""`livedrive capture`: the synthetic capture stage, composed of encoder and render."""

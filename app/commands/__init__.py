@@ -1,0 +1,1 @@
+"""The commands: options only; each builds settings and passes those down."""

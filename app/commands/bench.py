@@ -1,0 +1,93 @@
+"""`livedrive bench`: what a tick costs, stage by stage, and what its heaviest stage costs alone."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from tyro.conf import Positional
+
+What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web"]
+
+
+@dataclass(kw_only=True)
+class Bench:
+    """Measure latency, CPU time and memory against the thresholds of this project."""
+
+    what: Positional[What] = "tick"
+    """tick: every stage, at the pace of a live run. render: the splat renderer against two others.
+    pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
+    stand-ins for microphone and cameras. soak: the same for --minutes, and its replay.
+    faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
+    at every border. web: --minutes of sending by every protocol, a page, and hostile clients."""
+    session: Path = Path("recordings/demo")
+    """Session to replay in real time (tick)."""
+    avatar: str = "ben"
+    size: int = 512
+    """Width and height of the picture in pixels (tick)."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    minutes: float = 20.0
+    """How long the sensors run (soak), or ticks are sent (web)."""
+    times: int = 20
+    """How often each fault happens (faults)."""
+    num: int = 100_000
+    """How many damaged inputs (fuzz)."""
+    seed: int = 0
+    """Of the damage (fuzz)."""
+    report: Path | None = None
+    """Write the metrics as JSON."""
+
+    def run(self) -> None:
+        from app.terminal.thresholds import finish
+
+        measures: dict[What, Callable[[], dict[str, Any]]] = {
+            "tick": self._tick,
+            "render": self._render,
+            "pictures": self._pictures,
+            "sensors": self._sensors,
+            "soak": self._soak,
+            "faults": self._faults,
+            "fuzz": self._fuzz,
+            "web": self._web,
+        }
+        finish(measures[self.what](), self.report)
+
+    def _tick(self) -> dict[str, Any]:
+        from app.bench.tick import measure_tick
+
+        return measure_tick(self.session, self.avatar, self.size, self.device)
+
+    def _render(self) -> dict[str, Any]:
+        from app.bench.render import measure_render
+
+        return measure_render(self.avatar)
+
+    def _pictures(self) -> dict[str, Any]:
+        from app.bench.pictures import measure_pictures
+
+        return measure_pictures()
+
+    def _sensors(self) -> dict[str, Any]:
+        from app.bench.sensors.live import measure_sensors
+
+        return measure_sensors()
+
+    def _soak(self) -> dict[str, Any]:
+        from app.bench.sensors.live import measure_live_soak
+
+        return measure_live_soak(self.minutes)
+
+    def _faults(self) -> dict[str, Any]:
+        from app.bench.sensors.faults import measure_faults
+
+        return measure_faults(self.times)
+
+    def _fuzz(self) -> dict[str, Any]:
+        from app.bench.fuzz import measure_fuzz
+
+        return measure_fuzz(self.num, self.seed)
+
+    def _web(self) -> dict[str, Any]:
+        from app.bench.network.web import measure_web
+
+        return measure_web(self.session, self.avatar, self.minutes)

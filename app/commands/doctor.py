@@ -1,0 +1,114 @@
+"""`livedrive doctor`: is everything here that the head needs? One line a part, with the cure."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+
+@dataclass(kw_only=True)
+class Doctor:
+    """Check the installation; exit status 1 when a part is missing."""
+
+    def run(self) -> None:
+        failed = 0
+        for name, check in CHECKS.items():
+            try:
+                print(f"ok      {name}: {check()}")
+            except (OSError, ImportError, ValueError, RuntimeError) as error:
+                failed += 1
+                print(f"FAILED  {name}: {' '.join(str(error).split())}")
+        if failed:
+            raise SystemExit(1)
+
+
+def _opengl(backend: str) -> Callable[[], str]:
+    def check() -> str:
+        from render.splats.renderer import create_renderer
+
+        renderer = create_renderer(backend)
+        name = renderer.name
+        renderer.close()
+        return name
+
+    return check
+
+
+def _encoder() -> str:
+    from encoder.inference import load_driver
+
+    driver = load_driver()
+    return f"{driver.backend.name}, condition {driver.config.condition}"
+
+
+def _avatars() -> str:
+    from render.decoder import identity
+    from render.decoder.decoder import Decoder
+
+    Decoder.load()
+    return ", ".join(identity.load(name).name for name in identity.shipped())
+
+
+def _video() -> str:
+    import av
+    from av.codec import Codec
+
+    return f"PyAV {av.__version__}, H.264 {Codec('libx264', 'w').long_name}"
+
+
+def _torch() -> str:
+    import torch
+
+    gpu = torch.cuda.get_device_name(0) if torch.cuda.is_available() else "no CUDA GPU (not needed)"
+    return f"PyTorch {torch.__version__}, {gpu}"
+
+
+def _microphone() -> str:
+    from sensors.audio.portaudio import microphones, silence_native_messages
+
+    silence_native_messages()
+    names = [mic.name for mic in microphones()]
+    if not names:
+        return (
+            "none found (replay needs none); plug one in, or for PulseAudio and PipeWire run: "
+            "sudo apt-get install libasound2-plugins"
+        )
+    return ", ".join(names)
+
+
+def _eye_cameras() -> str:
+    from sensors.cameras.discovery import found_devices
+    from sensors.cameras.table import EXAMPLES
+    from sensors.types import InputError
+
+    found = list(found_devices())
+    problems = [f"{device.spec}: {device.problem}" for device in found if device.problem]
+    if problems:
+        raise InputError("; ".join(problems))
+    return (
+        ", ".join(device.spec for device in found)
+        or f"none plugged in (not needed; --eyes also takes {EXAMPLES})"
+    )
+
+
+def _usb() -> str:
+    from sensors.cameras.discovery import check_usb_library
+
+    return check_usb_library()
+
+
+def _programs() -> str:
+    from app.sinks.table import SCHEMES
+
+    return ", ".join(entry.example for entry in SCHEMES.values())
+
+
+CHECKS: dict[str, Callable[[], str]] = {
+    "OpenGL (EGL)": _opengl("egl"),
+    "encoder": _encoder,
+    "avatars": _avatars,
+    "video": _video,
+    "torch": _torch,
+    "microphone": _microphone,
+    "USB": _usb,
+    "eye cameras": _eye_cameras,
+    "programs to send to": _programs,
+}

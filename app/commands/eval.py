@@ -1,0 +1,120 @@
+"""`livedrive eval KIND`: what was trained, judged on what it never saw."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+from tyro.conf import OmitArgPrefixes, Positional, subcommand
+
+from app.eval.emotion.settings import EmotionSettings
+from app.eval.eyes.evaluate import EyesSettings
+from app.eval.head import HeadSettings
+from app.eval.prior import PriorSettings
+from app.eval.speech.evaluate import SpeechSettings
+
+
+@dataclass(kw_only=True)
+class EvalSpeech:
+    """Judge the audio encoder, teacher and student on held-out clips, silence and noise."""
+
+    data: Positional[Path]
+    """Data that `livedrive capture` made; the teacher and ablations are looked for in it."""
+    settings: OmitArgPrefixes[SpeechSettings] = field(default_factory=SpeechSettings)
+
+    def run(self) -> None:
+        if self.settings.leave_one_out:
+            from app.eval.speech.leave_out import evaluate
+        else:
+            from app.eval.speech.evaluate import evaluate
+
+        evaluate(self.data, self.settings)
+
+
+@dataclass(kw_only=True)
+class EvalEyes:
+    """Judge gaze, lids, blinks, lost cameras and the upper face."""
+
+    settings: OmitArgPrefixes[EyesSettings] = field(default_factory=EyesSettings)
+
+    def run(self) -> None:
+        from app.eval.eyes.evaluate import evaluate
+
+        evaluate(self.settings)
+
+
+@dataclass(kw_only=True)
+class EvalHead:
+    """Measure how alive the head is: its motion, brows, blinks and breath over a session."""
+
+    settings: OmitArgPrefixes[HeadSettings] = field(default_factory=HeadSettings)
+
+    def run(self) -> None:
+        from app.eval.head import evaluate
+
+        evaluate(self.settings)
+
+
+@dataclass(kw_only=True)
+class EvalEmotion:
+    """Judge emotions on held-out subjects: recognised, in sync, smooth."""
+
+    data: Positional[Path]
+    """Data that `livedrive capture` made; the ablations are looked for in it."""
+    settings: OmitArgPrefixes[EmotionSettings] = field(default_factory=EmotionSettings)
+
+    def run(self) -> None:
+        from app.eval.emotion.evaluate import evaluate
+
+        evaluate(self.data, self.settings)
+
+
+@dataclass(kw_only=True)
+class EvalAb:
+    """Write a page that shows pairs of videos side by side and asks which is better."""
+
+    a: Positional[Path]
+    """Folder of videos of the first method."""
+    b: Positional[Path]
+    """Folder of videos of the second; pairs have the same file name."""
+    out: Path = Path("ab.html")
+    seed: int = 0
+    count: tuple[Path, ...] = ()
+    """Votes that the page saved: print the share of each method instead."""
+
+    def run(self) -> None:
+        from app.eval import ab
+
+        if self.count:
+            print(*ab.tally(self.count), sep="\n")
+        else:
+            ab.make_page(self.a, self.b, self.out, self.seed)
+
+
+@dataclass(kw_only=True)
+class EvalPrior:
+    """Judge decoder and identity encoder on held-out people, expressions and views."""
+
+    settings: OmitArgPrefixes[PriorSettings] = field(default_factory=PriorSettings)
+
+    def run(self) -> None:
+        from app.eval.prior import evaluate
+
+        evaluate(self.settings)
+
+
+@dataclass(kw_only=True)
+class Eval:
+    """Judge the trained networks: speech | eyes | head | emotion | ab | prior."""
+
+    command: tyro.conf.OmitSubcommandPrefixes[
+        Annotated[EvalSpeech, subcommand("speech")]
+        | Annotated[EvalEyes, subcommand("eyes")]
+        | Annotated[EvalHead, subcommand("head")]
+        | Annotated[EvalEmotion, subcommand("emotion")]
+        | Annotated[EvalAb, subcommand("ab")]
+        | Annotated[EvalPrior, subcommand("prior")]
+    ]
+
+    def run(self) -> None:
+        self.command.run()

@@ -1,0 +1,69 @@
+"""What `run` and `record` share: which sensors are opened, and how they end."""
+
+import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import tyro
+
+from app.compose.settings import LiveSettings
+from sensors.cameras import table
+from sensors.head import spec as heads
+
+if TYPE_CHECKING:
+    from sensors.live.source import LiveSource
+
+
+@dataclass(kw_only=True)
+class LiveOptions:
+    """Options of the commands that listen and look."""
+
+    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none|web")] = None
+    """Microphone, or a part of its name; none for silence; web for that of the --web page.
+    See: livedrive devices."""
+    eyes: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(
+            metavar="SPEC ...",
+            help=f"One camera for both eyes, or left and right: {table.HELP}. After a #: eye=left, "
+            "swap, mirror, turn=90, crop=X:Y:W:H, or profile=NAME.",
+        ),
+    ] = ()
+    head: Annotated[
+        str,
+        tyro.conf.arg(
+            metavar="SPEC|still|synth|auto",
+            help=f"Where the head's pose comes from: {heads.HELP}; web: a headset at the --web "
+            "page; synth: from speech; still: no motion of its own; auto: the page's headset, "
+            "else synth.",
+        ),
+    ] = "auto"
+    seconds: float | None = None
+    """End by itself after so much sound."""
+
+    def live_settings(self) -> LiveSettings:
+        return LiveSettings(mic=self.mic, eyes=self.eyes, head=self.head, seconds=self.seconds)
+
+
+@contextmanager
+def ends_on_signals(source: "LiveSource") -> Iterator[list[int]]:
+    """Ctrl-C and `kill` end the source, so that everything is finished; a second one breaks off.
+
+    Yields the list of signals that came.
+    """
+    came: list[int] = []
+
+    def stop(number: int, _: Any) -> None:
+        if came:
+            raise KeyboardInterrupt
+        came.append(number)
+        source.stop()
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield came
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

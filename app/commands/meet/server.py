@@ -1,0 +1,83 @@
+"""`livedrive call server | test`: what a call needs beside people."""
+
+import signal
+from dataclasses import dataclass
+from pathlib import Path
+
+from tyro.conf import Positional
+
+from sensors import files
+from sensors.types import InputError
+
+
+@dataclass(kw_only=True)
+class Server:
+    """Run a Janus server for rooms, until Ctrl-C; Janus is a program of its own."""
+
+    folder: Positional[Path]
+    """Its configuration, its key and its log; made where there is none."""
+    host: str = "127.0.0.1"
+    """Address to listen at; beyond this machine it is TLS."""
+    port: int = 8188
+    address: str = ""
+    """Address that a router passes on to this machine."""
+    media: str = "20000-20400"
+    """UDP ports of the media."""
+
+    def run(self) -> None:
+        import secrets
+
+        from app.call.rooms.janus_server import ServerSettings, start
+        from app.call.rooms.listen import write_certificate
+
+        self.folder.mkdir(parents=True, exist_ok=True)
+        key, pem = self.folder / "key", None
+        if not key.exists():
+            files.write_text(key, secrets.token_hex(16) + "\n", private=True)
+        fragment, scheme = "", "ws"
+        if self.host != "127.0.0.1":
+            pem = self.folder / "certificate.pem"
+            fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
+        settings = ServerSettings(
+            key=files.read_text(key).strip(),
+            host=self.host,
+            port=self.port,
+            public_address=self.address,
+            ports=self.media,
+            certificate=pem,
+        )
+        process = start(self.folder, settings)
+        shown = self.address or self.host
+        print(f"next: livedrive call host --room NAME --key {key} \\", flush=True)
+        print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
+        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+        try:
+            status = process.wait()
+        finally:
+            process.kill()
+        raise OSError(f"call server: Janus ended with status {status}; see {self.folder}/janus.log")
+
+
+@dataclass(kw_only=True)
+class Test:
+    """Run both ends on this machine over four lossy lines, and judge what arrives."""
+
+    session: Path = Path("recordings/demo")
+    """What both say and show."""
+    seconds: float = 20.0
+    """Of each line."""
+    lines: tuple[int, ...] = (0, 1, 2, 3)
+    """Which lines: 0 clean, 1 with 1 %% loss, 2 with 5 %%, 3 in bursts."""
+    report: Path | None = None
+    """Write the figures as JSON."""
+
+    def run(self) -> None:
+        from app.compose.call import session_material, trial_report
+        from app.terminal.thresholds import finish
+
+        if not set(self.lines) <= {0, 1, 2, 3} or not self.lines:
+            raise InputError(f"--lines: expected numbers in 0..3, got {self.lines}")
+        if not 2 <= self.seconds <= 3600:
+            raise InputError(f"--seconds: expected 2 to 3600, got {self.seconds}")
+        report = trial_report(session_material(self.session), self.lines, self.seconds)
+        finish(report, self.report)

@@ -1,0 +1,115 @@
+"""What `replay` and `run` share: who is driven and how, what is drawn, what is written or sent."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from app.compose.settings import DriveSettings, FileSettings, HeadMode, NetworkSettings
+from app.sinks import table
+from render.types import Density
+
+
+@dataclass(kw_only=True)
+class DriveOptions:
+    """Options of every command that drives the head."""
+
+    video: Path | None = None
+    """Write a video with sound, e.g. out.mp4."""
+    pictures: Path | None = None
+    """Write PNG pictures into this folder."""
+    every: int = 30
+    """Frames from one picture, PLY or glTF to the next."""
+    motion: Path | None = None
+    """Write codes, gaze, blendshapes and vertices, e.g. out.npz."""
+    arkit: Path | None = None
+    """Write a Live Link Face table, e.g. out.csv."""
+    ply: Path | None = None
+    """Write the Gaussians of every n-th frame into this folder, as PLY."""
+    gltf: Path | None = None
+    """Write the Gaussians of every n-th frame into this folder, as glTF."""
+    report: Path | None = None
+    """Write timings and settings, e.g. out.json."""
+    window: bool = False
+    """Show the head in a window; F1 there lists the keys."""
+    virtual_camera: Annotated[str | None, tyro.conf.arg(metavar="DEVICE|auto")] = None
+    """Be a webcam for video calls: a v4l2loopback device like /dev/video10, or auto."""
+    background: str = "studio"
+    """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
+    avatar: str = "ben"
+    """Who is driven: a name of livedrive avatar list, or FILE.safetensors."""
+    gaussians: Density = "32k"
+    """On the head, without its hair; fewer for a slower computer or a phone at --web."""
+    emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
+    """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
+    A replay shows what was recorded unless this is given."""
+    clip: Path | None = None
+    """Folder of a CLIP model, to understand other words for --emotion."""
+    listen: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
+    """UDP port on this machine for OSC messages /livedrive/emotion happy:0.7."""
+    condition: Literal["auto", "gaze", "eyes"] = "auto"
+    """What drives the upper face: synthesised gaze, or the eye cameras; auto: whatever there is."""
+    size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
+    """Width and height of the picture, in pixels."""
+    seed: int = 0
+    """Seed of the diffusion noise and of the gaze."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where the networks run."""
+    send: Annotated[
+        tuple[str, ...],
+        tyro.conf.arg(metavar="URL ...", help=f"Send the face to programs: {table.HELP}."),
+    ] = ()
+    gains: Path | None = None
+    """JSON of gains and limits for --send: {"jawOpen": {"gain": 1.4, "low": 0, "high": 0.9}}."""
+    web: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
+    """Serve a page with the live head, also for a headset, e.g. --web 8443."""
+    host: str = "127.0.0.1"
+    """Address for --web; beyond this machine (0.0.0.0: everywhere) it is https with a token."""
+
+    def settings(
+        self,
+        *,
+        realtime: bool,
+        draw: bool,
+        title: str,
+        head: HeadMode = "auto",
+        web_microphone: bool = False,
+        web_head: bool = False,
+    ) -> DriveSettings:
+        """These options as settings; raises InputError where they cannot be used."""
+        return DriveSettings(
+            avatar=self.avatar,
+            gaussians=self.gaussians,
+            emotion=self.emotion,
+            clip=self.clip,
+            listen=self.listen,
+            condition=self.condition,
+            head=head,
+            seed=self.seed,
+            device=self.device,
+            realtime=realtime,
+            draw=draw,
+            size=self.size,
+            background=self.background,
+            virtual_camera=self.virtual_camera,
+            window=self.window,
+            title=title,
+            files=FileSettings(
+                video=self.video,
+                pictures=self.pictures,
+                motion=self.motion,
+                arkit=self.arkit,
+                ply=self.ply,
+                gltf=self.gltf,
+                every=self.every,
+            ),
+            network=NetworkSettings(
+                send=self.send,
+                gains=self.gains,
+                web=self.web,
+                host=self.host,
+                microphone=web_microphone,
+                head=web_head,
+            ),
+        )

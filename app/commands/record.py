@@ -1,0 +1,84 @@
+"""`livedrive record DIR`: the sensors alone, every packet, for later."""
+
+import shlex
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tyro.conf import Positional
+
+from app.commands.live import LiveOptions, ends_on_signals
+from app.compose.live import live_source, open_recorder, tell
+from sensors.types import NS
+
+if TYPE_CHECKING:
+    from sensors.live.source import LiveSource
+
+POLL_NS = 4_000_000  # fast enough for every picture of a 120 Hz camera
+TELL_NS = NS
+
+
+@dataclass(kw_only=True)
+class Record(LiveOptions):
+    """Record the microphone and the eye cameras without driving anything."""
+
+    folder: Positional[Path]
+    """Folder to create."""
+
+    def run(self) -> None:
+        import sys
+
+        from app.compose.report import sensor_report
+        from app.sinks.sensor_notes import SensorNotes
+        from sensors.audio.portaudio import silence_native_messages
+        from sensors.clock import MonotonicClock
+
+        clock = MonotonicClock()
+        source = live_source(self.live_settings(), clock)
+        recorder = open_recorder(self.folder, source)
+        silence_native_messages()
+        notes = SensorNotes(source, tell)
+        seconds, shows, told_ns = 0.0, sys.stdout.isatty(), 0
+        with ends_on_signals(source) as signals:
+            try:
+                source.open()
+                start_ns = clock.now_ns()
+                while not source.exhausted and not recorder.problem:
+                    for packet in source.poll():
+                        recorder.append(packet)
+                    now_ns = clock.now_ns()
+                    seconds = (now_ns - start_ns) / NS
+                    if not shows:
+                        notes.check(now_ns)
+                    if shows and now_ns - told_ns > TELL_NS:
+                        told_ns = now_ns
+                        print(f"\r{seconds:6.0f} s  {_states(source)}", end="\033[K", flush=True)
+                    clock.sleep_until_ns(now_ns + POLL_NS)
+            finally:
+                notes.close()
+                report = sensor_report(source)
+                source.close()
+                recorder.close()
+        if shows:
+            print()
+        if recorder.problem:
+            raise SystemExit(1)
+        print(f"recorded {seconds:.1f} s, {report['silence_seconds']:.1f} s of it without sound")
+        next_words = shlex.join(["livedrive", "replay", str(self.folder)])
+        print(f"wrote {self.folder.resolve()}; next: {next_words}")
+        if signals:
+            raise KeyboardInterrupt
+
+
+def _states(source: "LiveSource") -> str:
+    from app.sinks.dashboard import meter
+    from sensors.audio.microphone import Microphone
+
+    parts: list[str] = []
+    if source.microphone:
+        microphone = source.microphone
+        level = meter(microphone.level_db) if isinstance(microphone, Microphone) else "live"
+        parts.append(microphone.problem or level)
+    for camera in source.cameras:
+        parts.append(f"{camera.name}: {camera.problem or 'live'}")
+    return "  ".join(parts)

@@ -1,0 +1,207 @@
+"""The one place where the parts of a run are put together: settings in, a Drive out.
+
+Used by replay and run, and by whatever else drives a head. More of the parts go in here: another
+source of frames, another view, another panel.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
+
+from app.compose.live import open_page
+from app.compose.settings import DriveSettings, FileSettings, HeadMode
+from app.drive import background
+from app.drive.emotion import EmotionControl, said_with
+from app.drive.emotion_port import OscPort
+from app.drive.loop import Drive
+from app.drive.sink import Expendable, RunInfo, Sink
+from app.drive.stages import Stages
+from app.drive.view import PortraitView
+from sensors.types import FPS, NS, Clock, Source
+
+if TYPE_CHECKING:
+    from app.call.live.tape import CallTape
+    from app.call.table.seats import Seats
+    from app.drive.tape import Tape
+    from app.web.sink import WebSink
+    from app.window.sink import WindowSink
+    from encoder.alive.alive import Alive
+    from encoder.driver import Driver
+    from encoder.eyes.calibration import EyeCalibration
+    from render.decoder.decoder import Decoder
+    from render.decoder.identity import Identity
+    from render.types import Gaussians
+
+
+def load_driver(
+    settings: DriveSettings, has_eyes: bool, calibration: "EyeCalibration | None" = None
+) -> "Driver":
+    """Load the networks; `has_eyes`: the source shows eyes. Raises InputError where the emotion
+    of the settings cannot be shown."""
+    from encoder import inference
+
+    condition = inference.choose_condition(settings.condition, has_eyes)
+    driver = inference.load_driver(
+        device=settings.device, condition=condition, calibration=calibration
+    )
+    driver.check_emotion(_emotion(settings, driver) or "")
+    return driver
+
+
+def build(
+    settings: DriveSettings,
+    *,
+    source: Source,
+    driver: "Driver",
+    clock: Clock,
+    sinks: Sequence[Sink] = (),  # beside those of the settings
+    tape: "Tape | CallTape | None" = None,  # what the window's button starts and stops
+    page: "WebSink | None" = None,  # already open; else the settings open one
+    seats: "Seats | None" = None,  # of a call: partners are drawn too
+) -> Drive:
+    """All parts of a run; sinks and source are opened by `drive`."""
+    from app.sinks.table import Outlet, open_all
+    from render.decoder import identity
+    from render.decoder.decoder import Decoder
+
+    who, decoder = identity.load(settings.avatar), Decoder.load(gaussians=settings.gaussians)
+    duration_ns = source.info.duration_ns
+    frames = None if duration_ns is None else duration_ns * FPS // NS
+    stages, emotions = Stages(), _emotion_control(settings, driver)
+    driver.alive = _alive(settings.head, decoder)
+    page = page or open_page(settings, clock)
+    outlet = Outlet(decoder, settings.avatar, clock, settings.network.gains)
+    network = [*open_all(settings.network.send, outlet), *([page] if page else [])]
+    window = _window(settings, emotions, driver, clock, stages, tape, frames, seats)
+    view = _view(settings, decoder, who, clock, seats) if settings.needs_picture else None
+    files = _file_sinks(settings, decoder, who)
+    return Drive(
+        source=source,
+        driver=driver,
+        clock=clock,
+        sinks=[
+            *(files if duration_ns is not None else map(Expendable, files)),
+            *sinks,
+            *network,
+            *([window] if window else []),
+        ],
+        view=view,
+        panel=window,
+        emotions=emotions,
+        record=tape.append if tape else None,
+        stages=stages,
+        info=RunInfo(width=settings.size, height=settings.size, frames=frames),
+        seed=settings.seed,
+        realtime=settings.realtime,
+    )
+
+
+def _alive(mode: HeadMode, decoder: "Decoder") -> "Alive | None":
+    """What moves the head and the face beside speech and eyes."""
+    from encoder.alive.alive import Alive
+    from encoder.alive.face import Shapes
+
+    if mode == "still":
+        return None
+    return Alive(Shapes.of(decoder.rig_names, decoder.to_code, decoder.to_rig), mode)
+
+
+def _emotion(settings: DriveSettings, driver: "Driver") -> str | None:
+    """The emotion in words that the driver knows."""
+    if settings.emotion and driver.emotions:
+        return said_with(driver.emotions.labels, settings.emotion, settings.clip)
+    return settings.emotion
+
+
+def _emotion_control(settings: DriveSettings, driver: "Driver") -> EmotionControl:
+    port = None
+    if settings.listen is not None:
+        port = OscPort("127.0.0.1", settings.listen, driver.check_emotion)
+    return EmotionControl(_emotion(settings, driver), port)
+
+
+def _view(
+    settings: DriveSettings,
+    decoder: "Decoder",
+    who: "Identity",
+    clock: Clock,
+    seats: "Seats | None",
+) -> PortraitView:
+    from render import cameras
+    from render.splats.renderer import create_renderer
+
+    behind = background.flat(settings.background)
+    camera = cameras.portrait(settings.size, settings.size, background=behind)
+    around = _company(decoder, clock, seats) if seats else None
+    return PortraitView(decoder, who, create_renderer(), camera, around)
+
+
+def _company(
+    decoder: "Decoder", clock: Clock, seats: "Seats"
+) -> "Callable[[Gaussians], Gaussians]":
+    from app.call.table.company import Company
+
+    company = Company(decoder, seats)
+    return lambda own: company.around(own, clock.now_ns())
+
+
+def _window(
+    settings: DriveSettings,
+    emotions: EmotionControl,
+    driver: "Driver",
+    clock: Clock,
+    stages: Stages,
+    tape: "Tape | CallTape | None",
+    frames: int | None,
+    seats: "Seats | None",
+) -> "WindowSink | None":
+    if not settings.window:
+        return None
+    from app.window.sink import WindowSink
+    from app.window.state.shared import WindowInfo
+    from render.decoder import identity
+
+    info = WindowInfo(
+        title=settings.title,
+        avatar=settings.avatar,
+        avatars=tuple(identity.names()),
+        emotions=driver.emotions.labels if driver.emotions else (),
+        emotion=emotions.start or "",
+        can_record=tape is not None,
+        live=frames is None,
+        frames=frames,
+        size=settings.size,
+        background=settings.background,
+        gaussians=settings.gaussians,
+        seats=seats.descriptor if seats else None,
+    )
+    return WindowSink(info, clock, stages.latest_ms, tape)
+
+
+def _file_sinks(settings: DriveSettings, decoder: "Decoder", who: "Identity") -> list[Sink]:
+    from app.sinks.arkit import ArkitSink
+    from app.sinks.clouds import CloudSink
+    from app.sinks.motion import MotionSink
+    from app.sinks.pictures import PictureSink
+    from app.sinks.video import VideoSink
+    from app.sinks.virtual_camera import VirtualCameraSink
+    from render.avatars import gltf, ply
+
+    files: FileSettings = settings.files
+    sinks: list[Sink] = []
+    if files.video:
+        sinks.append(VideoSink(files.video))
+    if files.pictures:
+        transparent = settings.background == "transparent"
+        sinks.append(PictureSink(files.pictures, files.every, transparent))
+    if settings.virtual_camera:
+        device = None if settings.virtual_camera == "auto" else settings.virtual_camera
+        sinks.append(VirtualCameraSink(device))
+    if files.ply:
+        sinks.append(CloudSink(files.ply, files.every, ".ply", ply.save, decoder, who))
+    if files.gltf:
+        sinks.append(CloudSink(files.gltf, files.every, ".glb", gltf.save, decoder, who))
+    if files.motion:
+        sinks.append(MotionSink(files.motion, decoder, who))
+    if files.arkit:
+        sinks.append(ArkitSink(files.arkit, decoder))
+    return sinks

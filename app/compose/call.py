@@ -1,0 +1,114 @@
+"""A call beside a live run: its process, its microphone, and everybody at one table."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from app.call.live.gate import Gate
+from app.call.live.link import CallLink, CallMicrophone, CallPanel, CallSink
+from app.call.live.protocol import CallSettings
+from app.compose.live import tell
+from app.drive.loop import Drive
+from app.drive.sink import FrameResult, RunInfo
+from sensors.types import SAMPLES_PER_FRAME, InputError
+
+if TYPE_CHECKING:
+    from app.call.trial.material import Material
+    from sensors.live.source import LiveSource
+
+Switch = Literal["auto", "on", "off"]
+WORN = ("headphone", "headset", "earphone", "earbud", "airpod", "beyond", "index", "quest")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoundSettings:
+    """What is done to the microphone's sound; auto: on unless the loudspeaker is worn."""
+
+    echo: Switch = "auto"
+    noise: Switch = "auto"
+
+    def is_on(self, switch: Switch, speaker: str | None) -> bool:
+        worn = speaker == "none" or any(word in (speaker or "").lower() for word in WORN)
+        return switch == "on" or (switch == "auto" and not worn)
+
+
+def open_call(settings: CallSettings) -> CallLink:
+    return CallLink(settings, tell)
+
+
+def through_call(
+    source: "LiveSource", link: CallLink, sound: SoundSettings, speaker: str | None
+) -> None:
+    """Let the source's microphone pass through the call."""
+    from app.call.live.echo import EchoCanceller
+
+    if source.microphone is None:
+        return
+    echo, noise = sound.is_on(sound.echo, speaker), sound.is_on(sound.noise, speaker)
+    cleaner = EchoCanceller(echo, noise) if echo or noise else None
+    source.microphone = CallMicrophone(source.microphone, link, cleaner)
+
+
+def with_call(parts: Drive, link: CallLink) -> Drive:
+    """The parts of a live run, with the call as one more sink, told of the mute button; what is
+    muted does not reach the driver."""
+    panel = CallPanel(parts.panel, link) if parts.panel else None
+    source = Gate(parts.source, link)
+    return replace(parts, source=source, sinks=[*parts.sinks, CallSink(link)], panel=panel)
+
+
+class _Collect:
+    """Keeps what the driver made of a session."""
+
+    def __init__(self) -> None:
+        self.frames: list[FrameResult] = []
+
+    def on_start(self, info: RunInfo) -> None: ...
+    def on_frame(self, result: FrameResult) -> None:
+        self.frames.append(replace(result, picture=None))
+
+    def close(self) -> None: ...
+
+
+def session_material(session: Path) -> "Material":
+    """Sound and codes of a recorded session, for `call test`."""
+    from app.call.trial.material import Material
+    from app.call.wire.packet import basis_of
+    from app.compose.replay import replay
+    from app.compose.settings import DriveSettings
+    from render.decoder.decoder import Decoder
+
+    collect = _Collect()
+    replay(session, DriveSettings(), [collect])
+    frames: Sequence[FrameResult] = collect.frames
+    if len(frames) < 60:
+        raise InputError(f"call test: expected a session of 2 s or more, got {len(frames)} frames")
+    decoder = Decoder.load()
+    basis = basis_of(decoder.coding.frame, decoder.coding.to_code)
+    sound = np.concatenate([f.sensors.audio for f in frames])
+    assert len(sound) == SAMPLES_PER_FRAME * len(frames)
+    return Material(
+        sound=sound,
+        expression=np.array([f.driven.expression for f in frames]),
+        gaze=np.array([f.driven.gaze for f in frames]),
+        rows=basis.rows,
+        reach=basis.reach,
+        lips=decoder.moves(decoder.regions["lips"]),
+    )
+
+
+def trial_report(material: "Material", lines: Sequence[int], seconds: float) -> dict[str, Any]:
+    """Both ends on this machine over each of the `lines`."""
+    from app.call.trial.relay import LINES
+    from app.call.trial.runner import metrics_of, run_line
+
+    report: dict[str, Any] = {"metrics": {}, "bars": []}
+    for number in lines:
+        found = run_line(LINES[number], material, seconds, seed=number)
+        metrics, bars = metrics_of(LINES[number], found)
+        report["metrics"] |= metrics
+        report["bars"] += bars
+    return report

@@ -1,0 +1,111 @@
+"""The sensors of a live run, built from settings: microphone, eye cameras, and their recorder."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.compose.settings import HEAD_MODES, DriveSettings, LiveSettings
+from sensors.types import Clock, InputError
+
+if TYPE_CHECKING:
+    from app.web.sink import WebSink
+    from sensors.head.source import HeadSource
+    from sensors.live.recorder import LiveRecorder
+    from sensors.live.source import LiveMicrophone, LiveSource
+
+
+def live_source(
+    settings: LiveSettings,
+    clock: Clock,
+    page: "WebSink | None" = None,  # whose microphone "web" means
+) -> "LiveSource":
+    """Check the settings and build the sensors; they are not opened yet."""
+    from sensors.cameras.spec import cameras
+    from sensors.live.source import LiveSource
+
+    eyes, head = cameras(settings.eyes, clock), _head(settings.head, clock, page)
+    microphone = _microphone(settings.mic, clock, page)
+    return LiveSource(microphone, eyes, clock, head=head, seconds=settings.seconds)
+
+
+def _head(spec: str, clock: Clock, page: "WebSink | None") -> "HeadSource | None":
+    """The tracker of `--head`; auto: the page's headset, where there is a page."""
+    if spec == "web" or (spec == "auto" and page is not None):
+        from app.web.headset_source import web_head
+
+        if page is None:
+            raise InputError(
+                "--head web: expected the page of --web, got none; try run --web 8443 --head web"
+            )
+        return web_head(page.link, clock, tell)
+    if spec in HEAD_MODES:
+        return None
+    from sensors.head.spec import head_source
+
+    return head_source(spec, clock, tell)
+
+
+def _microphone(name: str | None, clock: Clock, page: "WebSink | None") -> "LiveMicrophone | None":
+    if name == "none":
+        return None
+    if name == "web":
+        from app.web.microphone import WebMicrophone
+
+        if page is None:
+            raise InputError(
+                "--mic web: expected the page of --web, got none; try run --web 8443 --mic web"
+            )
+        return WebMicrophone(page.link)
+    from sensors.audio import portaudio
+    from sensors.audio.microphone import Microphone
+
+    if name is not None:
+        name = portaudio.find_name(name)
+    return Microphone(name, clock)
+
+
+def open_page(
+    settings: DriveSettings,
+    clock: Clock,
+    seats: int | None = None,  # descriptor of a call's seats
+) -> "WebSink | None":
+    """Start the server of the page, where `--web` asks for one."""
+    network = settings.network
+    if network.web is None:
+        return None
+    from app.web.info import ServerInfo
+    from app.web.sink import WebSink
+
+    info = ServerInfo(
+        network.host,
+        network.web,
+        settings.avatar,
+        gaussians=settings.gaussians,
+        microphone=network.microphone,
+        head=network.head,
+        gains=str(network.gains.resolve()) if network.gains else None,
+        seats=seats,
+    )
+    return WebSink(info, clock)
+
+
+def open_recorder(
+    folder: Path, source: "LiveSource", calibration: Mapping[str, Any] | None = None
+) -> "LiveRecorder":
+    """Record into a new session. Raises InputError where the folder holds something already."""
+    from datetime import UTC, datetime
+
+    from sensors.live.recorder import LiveRecorder
+
+    created = datetime.now(UTC).isoformat(timespec="seconds")
+    devices = source.info.devices
+    return LiveRecorder(
+        folder, created=created, devices=devices, tell=tell, calibration=calibration
+    )
+
+
+def tell(line: str) -> None:
+    """Print one line to stderr."""
+    import sys
+
+    print("livedrive: " + " ".join(line.split()), file=sys.stderr, flush=True)

@@ -1,0 +1,88 @@
+"""What a run did: the content of `--report`, and the lines at its end."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+
+from app.compose.settings import DriveSettings
+from app.drive.loop import Drive, Summary
+from sensors import files
+from sensors.types import FPS
+
+if TYPE_CHECKING:
+    from sensors.live.source import LiveSource
+
+
+@runtime_checkable
+class NetworkSink(Protocol):
+    """A sink that counts what it sent."""
+
+    def network_report(self) -> dict[str, Any]: ...
+
+
+def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str, Any]:
+    """Counts, names and the time of each stage."""
+    from encoder.inference import STUDENTS
+
+    condition = parts.driver.config.condition
+    network = [sink for sink in parts.sinks if isinstance(sink, NetworkSink)]
+    counts: dict[str, Any] = {}
+    for sink in network:
+        counts |= sink.network_report()
+    return {
+        "frames": summary.frames,
+        "dropped": summary.dropped,
+        "seconds": summary.frames / FPS,
+        "late_ms": round(summary.late_ns / 1e6, 3),
+        "renderer": parts.view.renderer_name if parts.view else "none",
+        "device": settings.device,
+        "backend": parts.driver.backend.name,
+        "seed": settings.seed,
+        "condition": condition,
+        "checkpoint": STUDENTS[condition],
+        "avatar": settings.avatar,
+        "gaussians": settings.gaussians,
+        "emotion": parts.emotions.start or "",
+        "stages": parts.stages.summary(),
+        **({"network": counts} if network else {}),
+    }
+
+
+def sensor_report(source: "LiveSource") -> dict[str, Any]:
+    """What each sensor of a live run did."""
+    found: dict[str, Any] = {"silence_seconds": round(source.silence_samples / 48_000, 3)}
+    microphone = source.microphone
+    if microphone is not None:
+        found["microphone"] = {
+            "name": microphone.info.devices["audio"],
+            "problem": microphone.problem,
+            "drift_ppm": round(microphone.drift_ppm, 3),
+            "lost_samples": microphone.dropped,
+            "losses": microphone.losses,
+            "reopened": microphone.reopened,
+        }
+    for camera in source.cameras:
+        found[camera.name] = {
+            "problem": camera.problem,
+            "pictures": camera.counts.pictures,
+            "damaged": camera.counts.damaged,
+            "unused": camera.counts.unused,
+            "connects": camera.counts.connects,
+            "delay_ms": round(camera.delay_ns / 1e6, 2),  # of the newest, arrival to checked views
+        }
+    return found
+
+
+def finish(values: dict[str, Any], path: Path | None, written: Sequence[Path]) -> None:
+    """Write the report to `path`, where there is one, and print what was done."""
+    if path:
+        files.write_text(path, json.dumps(values, indent=2) + "\n")
+    tick = values["stages"]["tick"]
+    print(
+        f"{values['frames']} frames ({values['seconds']:.1f} s), {values['dropped']} dropped, "
+        f"tick p50 {tick['p50_ms']:.1f} ms, p99 {tick['p99_ms']:.1f} ms, "
+        f"{values['renderer']}, {values['backend']}"
+    )
+    for made in (*written, *([path] if path else [])):
+        print(f"wrote {made.resolve()}")

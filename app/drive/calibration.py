@@ -1,0 +1,40 @@
+"""Where eye calibrations live: the user's profile for live runs, the session for its replay."""
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from encoder.driver import Driver
+    from encoder.eyes.calibration import EyeCalibration
+    from sensors.session.recording import Recording
+
+
+def profile_path() -> Path:
+    """The user's file; XDG_CONFIG_HOME moves it."""
+    home = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(home) if home else Path.home() / ".config") / "livedrive" / "eyes.json"
+
+
+def of_user(path: Path | None = None) -> "EyeCalibration | None":
+    """What `livedrive calibrate` saved; None where there is nothing."""
+    from encoder.eyes.calibration import EyeCalibration
+
+    path = path or profile_path()
+    return EyeCalibration.load(path) if path.is_file() else None
+
+
+def of_session(recording: "Recording") -> "EyeCalibration | None":
+    """What the session was recorded with, so that its replay sees the same eyes."""
+    from encoder.eyes.calibration import EyeCalibration
+
+    kept: Any = recording.card.get("calibration")
+    words: Any = kept.get("eyes") if isinstance(kept, dict) else None  # pyright: ignore
+    if not isinstance(words, dict):
+        return None
+    return EyeCalibration.from_json(words, f"of {recording.folder}")  # pyright: ignore
+
+
+def in_session(driver: "Driver") -> dict[str, Any]:
+    """For the session's card."""
+    return {"eyes": driver.calibration.to_json()} if driver.calibration else {}

@@ -1,0 +1,1 @@
+"""`livedrive eval`: what was trained, judged on what it never saw."""

@@ -1,0 +1,126 @@
+"""`livedrive eval ab A B`: the paper's perceptual study as one HTML file.
+
+A and B are folders of videos with the same names. Each pair comes in random order, once; the page
+keeps the votes in the browser and saves them as a JSON file. `--count votes.json ...` sums them up.
+"""
+
+import base64
+import json
+from pathlib import Path
+
+import numpy as np
+
+from sensors import files
+from sensors.types import InputError
+
+VIDEOS = {".mp4": "video/mp4", ".webm": "video/webm", ".png": "image/png"}
+
+
+def make_page(a: Path, b: Path, out: Path, seed: int) -> None:
+    """Write a page that shows pairs of videos or pictures and asks which is better."""
+    pairs = find_pairs(a, b)
+    flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
+    order = np.random.default_rng([seed, 1]).permutation(len(pairs))
+    trials = [_trial(pairs[i], bool(flipped[i])) for i in order.tolist()]
+    files.write_text(out, PAGE.replace("TRIALS", json.dumps(trials)))
+    print(f"wrote {out} with {len(trials)} pairs; open it in a browser and save the votes")
+    print(f"then: livedrive eval ab {a} {b} --count votes.json")
+
+
+def find_pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
+    """Videos of both folders with the same name."""
+    names = [{p.name for p in folder.glob("*") if p.suffix in VIDEOS} for folder in (a, b)]
+    both = sorted(names[0] & names[1])
+    if not both:
+        raise InputError(
+            f"eval ab: expected videos ({', '.join(VIDEOS)}) of the same names in {a} and {b}, got "
+            f"{len(names[0])} and {len(names[1])} without a pair; make them with livedrive replay "
+            "--video"
+        )
+    return [(a / name, b / name) for name in both]
+
+
+def _trial(pair: tuple[Path, Path], flipped: bool) -> dict[str, str]:
+    """Names and videos (inside the page) of the left and the right; the viewer sees no name."""
+    shown = [("A", pair[0]), ("B", pair[1])]
+    (left, left_path), (right, right_path) = reversed(shown) if flipped else shown
+    return {
+        "name": pair[0].name,
+        "left": left,
+        "right": right,
+        "left_video": _inline(left_path),
+        "right_video": _inline(right_path),
+    }
+
+
+def _inline(path: Path) -> str:
+    return f"data:{VIDEOS[path.suffix]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+
+
+def tally(files: tuple[Path, ...]) -> list[str]:
+    """Votes of all files: how often A and B were chosen, with the 95 % interval of A's share."""
+    votes: list[str] = []
+    for path in files:
+        try:
+            votes += [str(row["choice"]) for row in json.loads(path.read_text())["votes"]]
+        except (ValueError, KeyError, TypeError) as error:
+            raise InputError(
+                f"{path}: expected votes that the page saved, got {type(error).__name__}; "
+                "save them again"
+            ) from error
+    first, second = votes.count("A"), votes.count("B")
+    total = max(first + second, 1)
+    share = first / total
+    around = 1.96 * (share * (1 - share) / total) ** 0.5
+    return [f"A {first}  B {second}  A's share {share:.3f} +- {around:.3f} (95 %)"]
+
+
+PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><title>Which face is better?</title>
+<style>
+ body{font:16px system-ui;background:#16181c;color:#e8e8ea;margin:0;padding:2rem;text-align:center}
+ video,img{width:44vw;max-width:640px;border-radius:8px;background:#000}
+ button{font:inherit;padding:.6rem 1.4rem;margin:.6rem;border:0;border-radius:6px}
+ #count{color:#9a9aa4}
+</style>
+<h1>Which face looks more natural and better in time with its voice?</h1>
+<p id="count"></p>
+<div><video id="left" controls></video> <video id="right" controls></video>
+<img id="left_still" hidden alt=""> <img id="right_still" hidden alt=""></div>
+<p><button onclick="play()">Play both in turn</button></p>
+<p><button onclick="vote('left')">Left</button><button onclick="vote('right')">Right</button></p>
+<p><button onclick="save()">Save votes</button></p>
+<script>
+const trials = TRIALS, key = "livedrive-ab-" + trials.length + "-" + trials[0].name;
+const votes = JSON.parse(localStorage.getItem(key) || "[]");
+const side = id => document.getElementById(id);
+function show() {
+  const t = trials[votes.length];
+  side("count").textContent = t ? `${votes.length + 1} of ${trials.length}` : "Done. Thank you!";
+  for (const id of ["left", "right"]) {
+    const source = t ? t[id + "_video"] : "", still = source.startsWith("data:image");
+    side(id).hidden = still, side(id + "_still").hidden = !still;
+    side(id).src = still ? "" : source, side(id + "_still").src = still ? source : "";
+  }
+}
+function play() {
+  side("left").onended = () => side("right").play();
+  side("left").currentTime = side("right").currentTime = 0;
+  side("left").play();
+}
+function vote(id) {
+  const t = trials[votes.length];
+  if (!t) return;
+  votes.push({name: t.name, choice: t[id], side: id});
+  localStorage.setItem(key, JSON.stringify(votes));
+  show();
+}
+function save() {
+  const a = document.createElement("a");
+  a.href = URL.createObjectURL(new Blob([JSON.stringify({votes})], {type: "application/json"}));
+  a.download = "votes.json";
+  a.click();
+}
+show();
+</script></html>
+"""

@@ -1,0 +1,77 @@
+"""Pictures of an evaluation: loss curves of every card, and the lips' error over a constant shift.
+
+A model that needs sound of the future errs least when its motion is compared with earlier truth:
+the minimum of the second picture is its delay.
+"""
+
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sensors import files
+
+SHIFTS = range(-6, 7)  # frames
+COLUMNS = 4  # of loss curves
+
+
+def shift_errors(guess: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> list[float]:
+    """Mean |error| of lip openings [T] for each shift of SHIFTS (> 0: the guess comes late)."""
+    result = []
+    for shift in SHIFTS:
+        pairs = [
+            (g[max(0, shift) : len(g) + min(0, shift)], t[max(0, -shift) : len(t) + min(0, -shift)])
+            for g, t in zip(guess, truth, strict=True)
+        ]
+        result.append(float(np.mean([np.abs(g - t).mean() for g, t in pairs])))
+    return result
+
+
+def curves_of(cards: Sequence[Path]) -> dict[str, dict[str, list[float]]]:
+    """Loss curves of the cards that have one, by file name."""
+    found: dict[str, dict[str, list[float]]] = {}
+    for path in cards:
+        card: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
+        if card.get("curve", {}).get("step"):
+            found[f"{path.parent.name}/{path.stem}"] = card["curve"]
+    return found
+
+
+def save(
+    folder: Path, shifts: Mapping[str, list[float]], curves: Mapping[str, dict[str, list[float]]]
+) -> list[Path]:
+    """Write shift.png and losses.png."""
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    folder.mkdir(parents=True, exist_ok=True)
+    figure, axes = pyplot.subplots(figsize=(8, 4.5), constrained_layout=True)
+    for name, errors in sorted(shifts.items(), key=lambda item: item[0].startswith("language")):
+        style = {"color": "lightgray", "zorder": 1} if name.startswith("language") else {}
+        axes.plot([1000 / 30 * s for s in SHIFTS], errors, marker=".", label=name, **style)
+    axes.axvline(0, color="gray", linewidth=0.5)
+    axes.set(xlabel="motion compared so much later (ms)", ylabel="error of lip opening (mm)")
+    figure.legend(loc="outside right upper", fontsize="small")
+    paths = [folder / "shift.png"]
+    figure.savefig(files.create(paths[0]), dpi=120)
+    if curves:
+        rows = -(-len(curves) // COLUMNS)
+        figure, grid = pyplot.subplots(
+            rows, COLUMNS, figsize=(4 * COLUMNS, 3.2 * rows), squeeze=False, constrained_layout=True
+        )
+        for panel in grid.flat[len(curves) :]:
+            panel.set_axis_off()
+        for panel, (name, curve) in zip(grid.flat, curves.items(), strict=False):
+            for key, values in curve.items():
+                if key != "step":
+                    panel.plot(curve["step"], values, label=key)
+            panel.set(title=name, xlabel="step", yscale="log")
+            panel.legend(fontsize="small")
+        paths.append(folder / "losses.png")
+        figure.savefig(files.create(paths[1]), dpi=120)
+    pyplot.close("all")
+    return paths

@@ -1,0 +1,222 @@
+"""The metrics of `livedrive eval prior`: people, contact, universality, a scan, the cost."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from render.evaluation.judge import Judge, Subject
+
+VIEW_YAW_DEG, VIEW_PITCH_DEG = 30.0, 15.0
+NUM_CODES, NUM_AVATARS = 200, 8
+NUM_GAZES = 5  # of each person
+TIMED_FRAMES = 60
+
+
+def held_out(
+    judge: "Judge",
+    table: Path | None,  # real expressions
+    num_people: int,
+    num_expressions: int,  # of each
+    seed: int,
+) -> tuple[dict[str, float], list[Any]]:
+    """Vertices and pictures of people, expressions and views that training never saw."""
+    from tqdm import tqdm
+
+    from render import cameras
+    from render.evaluation import metrics as prior_metrics
+    from render.training.data import expressions, people
+
+    face, used = judge.assembly.face, judge.decoder.surface.used
+    take = expressions.real_take(table, face.rig_names, held_out=True)
+    found: dict[str, list[float]] = {}
+    rows: list[Any] = []
+    for index in tqdm(range(num_people), desc="people", disable=None):
+        number = people.HELD_OUT + index
+        person = people.draw(face, number)
+        skin, eye = judge.wardrobe.texture(person), judge.wardrobe.eye(person.eye)
+        who = judge.subject(people.neutral(face, person), skin, eye)
+        rng = np.random.default_rng((seed, number))
+        for _ in range(num_expressions):
+            rig, gaze = expressions.draw(rng, judge.assembly.names, take)
+            rig[: len(person.gains)] *= person.gains
+            truth = judge.true_vertices(who, rig, gaze)
+            light = judge.true_light(truth)
+            yaw = float(rng.uniform(-VIEW_YAW_DEG, VIEW_YAW_DEG))
+            pitch = float(rng.uniform(-VIEW_PITCH_DEG, VIEW_PITCH_DEG))
+            camera, large = (cameras.portrait(px, px, yaw, pitch) for px in (512, 1024))
+            reference = judge.true_picture(who, truth, light, camera)
+            mask = judge.face_mask(who, truth, camera)
+            code = judge.encode(who, truth, light)
+            vertices, picture = judge.picture(who, code, gaze, camera)
+            _, sparse = judge.picture(who, code, gaze, camera, sparse=True)
+            _, matte = judge.picture(who, code, gaze, camera, matte=True)
+            large_mask = judge.face_mask(who, truth, large)
+            large_reference = judge.true_picture(who, truth, light, large)
+            _, large_picture = judge.picture(who, code, gaze, large)
+            error = prior_metrics.distances(vertices, truth)
+            for name, value in (
+                ("vertex_error_mean_mm", error[used].mean()),
+                ("vertex_error_lips_mm", error[face.regions["lips"]].mean()),
+                ("vertex_error_eyelids_mm", error[face.regions["eyelids"]].mean()),
+                ("face_psnr_db", prior_metrics.psnr_db(picture, reference, mask)),
+                ("face_ssim", prior_metrics.ssim(picture, reference, mask)),
+                ("face_sharpness", prior_metrics.sharpness(picture, reference, mask)),
+                ("face_psnr_without_lobe_db", prior_metrics.psnr_db(matte, reference, mask)),
+                (
+                    "face_psnr_1024_db",
+                    prior_metrics.psnr_db(large_picture, large_reference, large_mask),
+                ),
+                (
+                    "face_sharpness_1024",
+                    prior_metrics.sharpness(large_picture, large_reference, large_mask),
+                ),
+                ("face_psnr_16k_db", prior_metrics.psnr_db(sparse, reference, mask)),
+                ("face_ssim_16k", prior_metrics.ssim(sparse, reference, mask)),
+            ):
+                found.setdefault(name, []).append(float(value))
+            difference = 4 * np.abs(picture.astype(int) - reference) * mask[..., None]
+            rows.append(
+                np.concatenate([reference, picture, difference.clip(0, 255).astype("u1")], 1)
+            )
+        for _ in range(NUM_GAZES):
+            yaw, pitch = rng.uniform(-20, 20), rng.uniform(-12, 12)
+            found.setdefault("gaze_error", []).append(judge.gaze_error_deg(who, yaw, pitch))
+    metrics = {name: float(np.mean(values)) for name, values in found.items() if "_error_" in name}
+    metrics |= {name: float(np.mean(found[name])) for name in found if name.startswith("face_")}
+    metrics["face_psnr_worst_db"] = min(found["face_psnr_db"])
+    metrics["face_ssim_worst"] = min(found["face_ssim"])
+    metrics["gaze_error_worst_deg"] = max(found["gaze_error"])
+    metrics["pictures"] = len(rows)
+    return metrics, rows
+
+
+def contact(judge: "Judge", seed: int) -> dict[str, float]:
+    """Do lids and lips shut, and do lips cross? On new people, decoded."""
+    from render.evaluation.metrics import LipCrossing
+    from render.training.data import expressions, people
+    from render.types import AHEAD
+
+    face, decoder, names = judge.assembly.face, judge.decoder, judge.assembly.names
+    still = expressions.real_take(None, face.rig_names, held_out=True)
+    through_code = decoder.coding.to_code @ decoder.coding.to_rig
+    lid_gaps, lip_gaps, crossed, frames = [], [], 0, 0
+    for index in range(24):
+        person = people.draw(face, people.HELD_OUT + 500 + index)
+        rest = decoder.posing.rest(people.neutral(face, person))
+        blink = np.zeros(len(names), np.float32)
+        blink[list(decoder.posing.blinks)] = 1
+        shut = decoder.posing.pose((blink @ through_code).astype(np.float32), AHEAD, rest)
+        lid_gaps.append(max(float(line.gaps(shut).max()) for line in decoder.posing.lid_lines))
+        lip_gaps.append(float(decoder.posing.mouth.gaps(rest.geometry).max()))
+        upper, lower = face.regions["lips_upper"], face.regions["lips_lower"]
+        crossing = LipCrossing(rest.geometry, upper, lower)
+        rng = np.random.default_rng((seed, index))
+        for _ in range(50):
+            rig, gaze = expressions.draw(rng, names, still)
+            posed = decoder.posing.pose((rig @ through_code).astype(np.float32), gaze, rest)
+            crossed += crossing.depth_mm(posed) > 0.3
+            frames += 1
+    return {
+        "blink_gap_worst_mm": max(lid_gaps),
+        "lips_rest_gap_worst_mm": max(lip_gaps),
+        "lip_crossing_frames_percent": 100.0 * crossed / frames,
+    }
+
+
+def universality(judge: "Judge", seed: int) -> dict[str, float]:
+    """The same codes on several avatars: do their faces say the same?"""
+    from render import arkit
+    from render.decoder import identity
+    from render.evaluation import metrics as prior_metrics
+    from render.evaluation import pupils
+    from render.training.data import expressions
+    from render.types import AHEAD
+
+    decoder = judge.decoder
+    rng = np.random.default_rng((seed, 5))
+    still = np.zeros((1, len(decoder.rig_names)), np.float32)
+    drawn = [expressions.draw(rng, judge.assembly.names, still)[0] for _ in range(NUM_CODES)]
+    codes = [rig @ decoder.coding.to_code for rig in drawn]
+    rows, basis = judge.rig_basis
+    weights = []
+    for name in identity.shipped()[:NUM_AVATARS]:
+        who = identity.load(name)
+        moved = [decoder.vertices(code, AHEAD, who)[rows] - who.geometry[rows] for code in codes]
+        rig = prior_metrics.recovered_rig(np.array(moved, np.float32), basis)
+        weights.append(arkit.from_rig(rig[:, : len(decoder.rig_names)], decoder.rig_names))
+    people = [identity.load(name) for name in identity.shipped()]
+    off = [pupils.error_deg(decoder, judge.splats, who) for who in people]
+    return {
+        "drawn_pupil_worst_deg": max(off),
+        "universality_r_mean": prior_metrics.agreement(np.array(weights)),
+        "universality_avatars": len(weights),
+    }
+
+
+def scan(judge: "Judge") -> dict[str, float]:
+    """The LPS scan, never trained on, becomes an avatar."""
+    from render import cameras
+    from render.evaluation import metrics as prior_metrics
+    from render.training.data import face_data
+    from render.types import AHEAD
+
+    face = judge.assembly.face
+    z = np.load(face.folder / "ict_face.npz", allow_pickle=False)
+    geometry = face_data.geometry(face, z["ident_lps"])
+    skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
+    eye = judge.wardrobe.eye("brown")
+    start = time.perf_counter()
+    who: Subject = judge.subject(geometry, skin, eye)
+    seconds = time.perf_counter() - start
+    still = np.zeros(len(judge.assembly.names), np.float32)
+    truth = judge.true_vertices(who, still, AHEAD)
+    light, psnr = judge.true_light(truth), []
+    vertices = geometry
+    for yaw in (-30.0, -15.0, 0.0, 15.0, 30.0):
+        camera = cameras.portrait(512, 512, yaw)
+        reference = judge.true_picture(who, truth, light, camera)
+        mask = judge.face_mask(who, truth, camera)
+        vertices, picture = judge.picture(who, np.zeros(256, np.float32), AHEAD, camera)
+        psnr.append(prior_metrics.psnr_db(picture, reference, mask))
+    used = judge.decoder.surface.used
+    error = prior_metrics.distances(vertices, geometry)[used]
+    return {
+        "scan_seconds": seconds,
+        "scan_vertex_error_mm": float(error.mean()),
+        "scan_psnr_db": float(np.mean(psnr)),
+    }
+
+
+def cost(judge: "Judge") -> dict[str, float]:
+    """Median CPU time of a decode, ms; size of the weights, MB."""
+    from render.decoder import identity
+    from render.evaluation.judge import weights_mb
+    from render.types import AHEAD
+
+    who = identity.load(identity.shipped()[0])
+    metrics = {"weights_mb": weights_mb()}
+    for name, decoder in (("decode_cpu_ms", judge.decoder), ("decode_16k_cpu_ms", judge.sparse)):
+        rng = np.random.default_rng(0)
+        times = []
+        for _ in range(TIMED_FRAMES):
+            code = judge.decoder.sample(rng)
+            start = time.process_time()
+            decoder.decode(code, AHEAD, who)
+            times.append(1e3 * (time.process_time() - start))
+        metrics[name] = float(np.median(times))
+    return metrics
+
+
+def round_trip(judge: "Judge", take: Path) -> float:
+    """ARKit weights of a real take -> code -> ARKit weights; shapes the face data has."""
+    from render import arkit
+
+    decoder = judge.decoder
+    weights = arkit.read_live_link(take)
+    codes = decoder.encode(arkit.to_rig(weights, decoder.rig_names))
+    back = arkit.from_rig(decoder.rig(codes), decoder.rig_names)
+    known = arkit.matrix(decoder.rig_names).any(1)
+    return float(np.abs(back - weights)[:, known].mean())

@@ -1,0 +1,1 @@
+"""`livedrive eval speech`."""

@@ -1,0 +1,1 @@
+"""The decoder as callables for training and evaluation in `encoder`."""

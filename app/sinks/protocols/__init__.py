@@ -1,0 +1,1 @@
+"""The face for other programs: VMC, VRChat, Live Link, JSON over WebSocket."""

@@ -1,0 +1,1 @@
+"""What is printed: tables, and measured values against their thresholds."""

@@ -1,0 +1,10 @@
+"""The terminal: tables whose words may come from outside are shown as they are, never as markup."""
+
+from typing import Any
+
+
+def console(width: int | None = None) -> Any:
+    """A rich Console that reads no markup: a server's "[/bold]" is a word like any other."""
+    from rich.console import Console
+
+    return Console(width=width, markup=False, emoji=False, highlight=False)

@@ -1,0 +1,37 @@
+"""Metrics against their thresholds, as `eval` and `bench` report and print them.
+
+In a report `metrics` maps names to values, `bars` is the list of thresholds.
+"""
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sensors import files
+
+
+def at_least(name: str, value: float, limit: float) -> dict[str, Any]:
+    return {"name": name, "value": round(value, 3), "bar": f">= {limit}", "ok": value >= limit}
+
+
+def at_most(name: str, value: float, limit: float) -> dict[str, Any]:
+    return {"name": name, "value": round(value, 3), "bar": f"<= {limit}", "ok": value <= limit}
+
+
+def finish(report: dict[str, Any], path: Path | None) -> None:
+    """Write the report to `path`, where there is one, and print its thresholds as a table; exit
+    with status 1 where one is missed."""
+    from rich.table import Table
+
+    from app.terminal.console import console
+
+    if path:
+        files.write_text(path, json.dumps(report, indent=2) + "\n")
+    table = Table("metric", "value", "threshold", "")
+    for row in report["bars"]:
+        table.add_row(
+            row["name"], f"{row['value']:.3f}", row["bar"], "ok" if row["ok"] else "FAILED"
+        )
+    console().print(table)
+    if not all(row["ok"] for row in report["bars"]):
+        raise SystemExit(1)

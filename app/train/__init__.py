@@ -1,0 +1,1 @@
+"""`livedrive train`: the training stages with what they need of the decoder."""

@@ -1,0 +1,36 @@
+"""What a training stage is asked to do."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+Stage = Literal[
+    "prior", "audio", "diffusion", "distill", "contact", "regression", "gaze", "eyes", "wide-eyes",
+    "multimodal", "emotion",
+]  # fmt: skip
+Variant = Literal[
+    "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
+    "fine-tune", "fine-tune-lip", "no-lip",
+]  # fmt: skip
+Preset = Literal["debug", "default", "paper"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrainSettings:
+    """One stage of training; see `livedrive train -h`."""
+
+    stage: Stage
+    preset: Preset = "default"
+    variant: Variant = "none"  # an ablation of the paper
+    leave_out: tuple[str, ...] = ()  # talkers whose motion is not learned from
+    teacher: Path | None = None  # of the audio stage: the viseme network's ONNX file
+    resume: bool = False
+    start: Path | None = None  # folder with weights to start from
+    steps: int | None = None  # instead of the preset's
+    data: Path = Path("data")  # data pack of `livedrive capture`
+    stream_minutes: float | None = None  # of sound that a stage after audio learns from
+    out: Path | None = None  # folder for weights; None: where the app looks for them
+    seed: int = 0
+    device: Literal["cpu", "cuda"] = "cpu"
+    precision: Literal["float32", "bfloat16"] = "float32"
+    compile: bool = False

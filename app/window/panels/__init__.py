@@ -1,0 +1,1 @@
+"""The panels of the window, drawn with Dear ImGui."""

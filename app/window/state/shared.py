@@ -1,0 +1,122 @@
+"""The memory that the loop and the window share: ticks one way, controls the other.
+
+    loop -> WindowSink -> ring of ticks -> window process -> controls -> loop
+
+Nobody ever waits: the writer overwrites the oldest tick, the reader takes what it finds. A tick is
+marked unready while it is written, so that a reader never sees half of one.
+"""
+
+import mmap
+import os
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from app.drive.stages import STAGES
+from render.types import Density
+from sensors.types import EYE_SIZE
+
+SLOTS = 16  # half a second of ticks
+TICK = np.dtype(
+    [
+        ("number", "<i8"),  # of posting, 0, 1, ...; -1 while it is written
+        ("index", "<i8"),  # of the frame
+        ("t_ns", "<i8"),  # of the frame's last sample
+        ("posted_ns", "<i8"),  # on the system's monotonic clock, which all processes share
+        ("expression", "<f4", (256,)),
+        ("gaze", "<f4", (2, 3)),
+        ("head", "<f4", (8,)),  # position mm, quaternion wxyz, breath
+        ("level", "<f4", (2,)),  # of the sound: rms, peak; 0..1
+        ("audio_gap", "?"),
+        ("eyes_valid", "?", (2,)),
+        ("eyes_age_ms", "<f4", (2,)),  # -1: there was no picture yet
+        ("eyes", "u1", (2, EYE_SIZE, EYE_SIZE)),
+        ("eye_frames", "<f4", (2, 5)),  # DrivenFrame's; a width of 0: none
+        ("stage_ms", "<f4", (len(STAGES),)),  # of the tick before, in the order of STAGES
+        ("dropped", "<i8"),  # ticks stepped and not drawn, so far
+    ],
+    align=True,
+)
+CONTROLS = np.dtype(
+    [
+        ("ready", "?"),  # the window is on the screen
+        ("closed", "?"),  # a person has closed it
+        ("ending", "?"),  # written by the loop: the run is over
+        ("muted", "?"),
+        ("recording", "?"),
+        ("avatar", "<i8"),  # index into WindowInfo.avatars
+        ("emotion", "<i8"),  # index into WindowInfo.emotions; -1: none
+        ("intensity", "<f4"),  # of the emotion, 0..1
+        ("recentred", "<i8"),
+        ("resets", "<i8"),
+        ("frames", "<i8"),  # pictures shown so far
+        ("shown", "<i8"),  # index of the newest frame the window has seen; -1: none
+        ("error", "S400"),  # why the window could not open
+    ],
+    align=True,
+)
+
+
+@dataclass(frozen=True)
+class WindowInfo:
+    """What the window must know before its first picture."""
+
+    title: str
+    avatar: str
+    avatars: tuple[str, ...]
+    emotions: tuple[str, ...] = ()  # empty: the encoder offers none
+    emotion: str = ""  # words of the command line
+    can_record: bool = False
+    live: bool = False  # a microphone can be muted
+    frames: int | None = None  # how many will come, where that is known
+    size: int = 512  # px of the head on software GL; a GPU fills the window
+    background: str = "studio"
+    gaussians: Density = "32k"
+    seats: int | None = None  # descriptor of a call's seats: partners are drawn too
+
+
+class SharedMemory:
+    """Both records, on anonymous memory that vanishes with its last user."""
+
+    def __init__(self, descriptor: int | None = None) -> None:
+        """Make the memory, or open what another process made."""
+        size = SLOTS * TICK.itemsize + CONTROLS.itemsize
+        if descriptor is None:
+            descriptor = os.memfd_create("livedrive-window", 0)
+            os.ftruncate(descriptor, size)
+        self.descriptor = descriptor
+        memory = mmap.mmap(descriptor, size)  # lives as long as the arrays below
+        self._ring = np.frombuffer(memory, TICK, SLOTS)
+        self.controls: np.void = np.frombuffer(memory, CONTROLS, 1, SLOTS * TICK.itemsize)[0]
+        self._posted = 0
+
+    def clear(self) -> None:
+        """No tick and no control set: what a new window finds."""
+        self._ring["number"] = -1
+        self.controls["emotion"] = self.controls["shown"] = -1
+        self.controls["intensity"] = 1
+
+    def post(self, **fields: object) -> None:
+        """Write the next tick over the oldest one; takes as long as copying 320 kB."""
+        slot = self._ring[self._posted % SLOTS]
+        slot["number"] = -1
+        for name, value in fields.items():
+            slot[name] = value
+        slot["number"] = self._posted
+        self._posted += 1
+
+    def ticks_after(self, number: int) -> list[np.void]:
+        """Copies of the ticks posted after tick `number` that are still here, oldest first."""
+        numbers = self._ring["number"].copy()
+        found: list[np.void] = []
+        for wanted in np.sort(numbers[numbers > number]):
+            slot = self._ring[wanted % SLOTS]
+            copy: Any = slot.copy()
+            if copy["number"] == wanted == slot["number"]:
+                found.append(copy)
+        return found
+
+    def close(self) -> None:
+        """Let go of the memory; it vanishes when the arrays do."""
+        os.close(self.descriptor)

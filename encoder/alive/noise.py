@@ -1,0 +1,20 @@
+"""Numbers that wander, as functions of (seed, what for, time): any frame can be had alone."""
+
+import numpy as np
+
+_STREAM = 5  # of Philox counters: 0 is the denoiser's noise, 2 the gaze walk
+
+
+def uniform(seed: int, kind: int, index: int, count: int = 1) -> list[float]:
+    """`count` numbers of -1..1 of one index."""
+    bits = np.random.Philox(key=seed, counter=[kind, 0, _STREAM, index])
+    return (2 * np.random.Generator(bits).random(count) - 1).tolist()
+
+
+def wander(seed: int, kind: int, frame: int, frames_a_knot: int) -> float:
+    """A smooth curve of -1..1 through a random value at every knot."""
+    knot, rest = divmod(frame, frames_a_knot)
+    share = rest / frames_a_knot
+    share = share * share * (3 - 2 * share)
+    (a,), (b,) = uniform(seed, kind, knot), uniform(seed, kind, knot + 1)
+    return a + share * (b - a)

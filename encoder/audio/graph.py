@@ -1,0 +1,162 @@
+"""One tick of the audio encoder as an ONNX graph.
+
+Frozen norms are folded into the convolutions, and these become one gather and one matrix product,
+which int8 needs.
+"""
+
+from __future__ import annotations
+
+from math import exp
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from encoder.nn.onnx_graph import Array, Bits, Graph
+from encoder.types import Weights
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
+
+    from encoder.audio.config import AudioEncoderConfig, SpectrumConfig
+
+EXACT_CONVS = 3  # they hear a click beside near silence, which one int8 scale cannot hold
+
+
+def _conv(
+    g: Graph, x: str, context: str, weights: Weights, name: str,
+    time: int, stride: int, dilation: int,
+    scale: Array | float = 1.0, shift: Array | float = 0.0, *, exact: bool = False,
+) -> tuple[str, str]:  # fmt: skip
+    """Causal convolution of x [time, C] after context [n, C], then scale and shift a channel."""
+    weight = weights[f"{name}.weight"]  # [C', C, k]
+    width, channels, kernel = weight.shape
+    n = dilation * (kernel - 1) + 1 - stride
+    joined = g.op("Concat", context, x, axis=0)
+    starts = np.arange(0, time, stride)[:, None]
+    index = g.const((starts + np.arange(kernel) * dilation).reshape(-1))
+    rows = g.op("Gather", joined, index, axis=0)
+    rows = g.op("Reshape", rows, g.const([time // stride, kernel * channels]))
+    matrix = weight.transpose(2, 1, 0).reshape(-1, width) * scale
+    bias = weights.get(f"{name}.bias", np.zeros(width)) * scale + shift
+    y = g.linear(rows, matrix, bias, exact=exact)
+    return y, g.op("Slice", joined, g.const([time]), g.const([time + n]), g.const([0]))
+
+
+def _frozen(weights: Weights, name: str) -> tuple[Array, Array]:
+    """Frozen norm as scale and shift."""
+    scale = weights[f"{name}.weight"] / np.sqrt(weights[f"{name}.running_var"] + 1e-5)
+    return scale, weights[f"{name}.bias"] - weights[f"{name}.running_mean"] * scale
+
+
+def _running_norm(
+    g: Graph, x: str, config: AudioEncoderConfig, weights: Weights, hops: int
+) -> tuple[str, str]:
+    """RunningNorm.step on x [hops * n, C]; reads the input "statistics" [1, 2] -> y, statistics."""
+    width, _, stride = config.layers[0]
+    keep = exp(-config.stride / config.sample_rate / config.norm_seconds)
+    flat = g.op("Reshape", x, g.const([hops, -1]))
+    axis = g.const([1])
+    moments = [g.op("ReduceMean", flat, axis), g.op("ReduceMean", g.op("Mul", flat, flat), axis)]
+    lag = np.subtract.outer(np.arange(hops), np.arange(hops))
+    past = np.where(lag >= 0, (1 - keep) * keep ** np.maximum(lag, 0), 0.0)
+    fresh = g.op("MatMul", g.const(past), g.op("Concat", *moments, axis=1))
+    start = g.op("MatMul", g.const(keep ** np.arange(1.0, hops + 1)[:, None]), "statistics")
+    means = g.op("Add", fresh, start)  # [hops, 2]
+    mean, square = g.op("Split", means, axis=1, num_outputs=2, outputs=2)
+    prior = weights["norms.0.prior"].astype(np.float64)
+    floor = config.norm_floor * (prior[1] - prior[0] ** 2) + 1e-9
+    variance = g.op("Relu", g.op("Sub", square, g.op("Mul", mean, mean)))
+    deviation = g.op("Sqrt", g.op("Add", variance, g.const(np.array([floor]))))
+    normal = g.op("Div", g.op("Sub", flat, mean), deviation)
+    normal = g.op("Reshape", normal, g.const([hops * config.stride // stride, width]))
+    y = g.op("Mul", normal, g.const(weights["norms.0.weight"]))
+    y = g.op("Add", y, g.const(weights["norms.0.bias"]))
+    return y, g.op("Slice", means, g.const([hops - 1]), g.const([hops]), g.const([0]))
+
+
+def _spectrum(g: Graph, x: str, config: SpectrumConfig, hops: int) -> tuple[str, dict[str, str]]:
+    """Spectrum.step on x [hops * hop, 1] -> [hops, bands] and its next state."""
+    joined = g.op("Concat", "sound", x, axis=0)
+    kept, size = config.window - config.hop, config.hop * hops
+    starts = np.arange(hops)[:, None] * config.hop
+    rows = g.op("Gather", joined, g.const((starts + np.arange(config.window)).reshape(-1)), axis=0)
+    rows = g.op("Reshape", rows, g.const([hops, config.window]))
+    waves = g.op("MatMul", rows, g.const(config.kernels()))
+    waves = g.op("Split", g.op("Mul", waves, waves), axis=1, num_outputs=2, outputs=2)
+    bands = g.op("MatMul", g.op("Add", *waves), g.const(config.bank()))
+    lag = np.subtract.outer(np.arange(hops), np.arange(hops))
+    past = np.where(lag >= 0, (1 - config.keep) * config.keep ** np.maximum(lag, 0), 0.0)
+    fresh = g.op("MatMul", g.const(past), g.op("ReduceMean", bands, g.const([1])))
+    ages = np.arange(1.0, hops + 1)[:, None]
+    levels = g.op("Add", fresh, g.op("MatMul", g.const(config.keep**ages), "level"))
+    one, floor = g.const(np.array([1.0])), g.const(np.array([config.floor]))
+    logs = g.op("Log", g.op("Add", g.op("Div", levels, floor), one))
+    faded = g.const(np.where(lag >= 0, -config.decay * lag, -1e9))
+    newest = g.op("ReduceMax", g.op("Add", g.op("Transpose", logs), faded), g.const([1]))
+    peaks = g.op("Max", newest, g.op("Sub", "peak", g.const(config.decay * ages)))
+    scale = g.op("Mul", g.op("Exp", peaks), floor)
+    relative = g.op("Add", g.op("Div", bands, scale), g.const(np.array([config.quiet])))
+    y = g.op("Add", g.op("Log", relative), g.const(np.array([5.0])))
+    ends = g.const([hops - 1]), g.const([hops]), g.const([0])
+    after = {
+        name: g.op("Slice", rows, *ends) for name, rows in (("level", levels), ("peak", peaks))
+    }
+    after["sound"] = g.op("Slice", joined, g.const([size]), g.const([size + kept]), g.const([0]))
+    return g.op("Div", y, g.const(np.array([3.0]))), after
+
+
+def audio_shapes(config: AudioEncoderConfig) -> dict[str, list[int]]:
+    """Names and shapes of the streaming state, channels last, without the batch axis."""
+    channels, shapes = config.bands or 1, {}
+    for width, kernel, stride in config.layers:
+        shapes[f"conv{len(shapes)}"] = [kernel - stride, channels]
+        channels = width
+    for kernel, dilation in config.context:
+        shapes[f"conv{len(shapes)}"] = [dilation * (kernel - 1), channels]
+    if config.first_norm == "running":
+        shapes["statistics"] = [1, 2]
+    if spectrum := config.spectrum:
+        shapes |= {"sound": [spectrum.window - spectrum.hop, 1], "level": [1, 1], "peak": [1, 1]}
+    return shapes
+
+
+def audio_model(
+    config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
+) -> ModelProto:
+    """audio [features * stride, 1] + state -> features [features, width] + state."""
+    g, time, x, after = Graph(bits), features * config.stride, "audio", dict[str, str]()
+    if config.spectrum:
+        x, after = _spectrum(g, x, config.spectrum, time // config.spectrum.hop)
+        time //= config.spectrum.hop
+    for i, (_, _, stride) in enumerate(config.layers):
+        running = i == 0 and config.first_norm == "running"
+        scale, shift = (1.0, 0.0) if running else _frozen(weights, f"norms.{i}")
+        state = f"conv{i}"
+        x, after[state] = _conv(
+            g, x, state, weights, f"convs.{i}", time, stride, 1, scale, shift,
+            exact=i < EXACT_CONVS,
+        )  # fmt: skip
+        time //= stride
+        if running:
+            x, after["statistics"] = _running_norm(g, x, config, weights, features)
+        x = g.op("Relu", x)
+    if not config.bands:
+        x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
+    half = g.const(np.array([0.5**0.5]))
+    for i, (_, dilation) in enumerate(config.context):
+        state = f"conv{len(config.layers) + i}"
+        folded = _frozen(weights, f"context_norms.{i}")
+        y, after[state] = _conv(
+            g, x, state, weights, f"context_convs.{i}", time, 1, dilation, *folded
+        )
+        x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
+    if config.feature_dim:
+        x = g.linear(x, weights["project.weight"].T, weights["project.bias"])
+    g.rename(x, "features")
+    for name, value in after.items():
+        g.rename(value, f"{name}_next")
+    shapes = audio_shapes(config)
+    return g.model(
+        {"audio": [features * config.stride, 1], **shapes},
+        {"features": [features, config.width], **{f"{k}_next": v for k, v in shapes.items()}},
+    )

@@ -1,0 +1,80 @@
+"""The audio path of one live tick: 1600 samples at 48 kHz -> audio_features, without torch.
+
+Resampling and alignment in numpy around the ONNX graph of the encoder (graph.py). Its twin in
+torch is `alignment.AudioFeatures`. Paper section 4.3.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from encoder.audio.config import AudioEncoderConfig
+from encoder.audio.framing import lerp_place, lerp_ready, resample_kernel
+from encoder.audio.graph import audio_model, audio_shapes
+from encoder.nn.onnx_graph import Bits
+from encoder.nn.onnx_session import session
+from encoder.types import Floats, Weights
+from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME
+
+KEPT = 8  # features that an interpolation may still read
+
+
+@dataclass(frozen=True, eq=False)
+class AudioState:
+    """A value; no array in it is ever written."""
+
+    raw: Floats  # [context] 48 kHz, still under the filter
+    pending: Floats  # [n] resampled, not yet a whole feature
+    layers: dict[str, Floats]  # `audio_shapes`
+    tail: Floats  # [0..KEPT, width] newest features, where they are interpolated
+    count: int  # features so far
+
+
+class LiveAudio:
+    """Holds weights only. One stream, no batch axis."""
+
+    def __init__(self, config: AudioEncoderConfig, weights: Weights, bits: Bits) -> None:
+        self.config = config
+        self._factor = SAMPLE_RATE // config.sample_rate
+        self._kernel = resample_kernel(self._factor)
+        self._context = len(self._kernel) - self._factor
+        tick = SAMPLES_PER_FRAME / self._factor / config.stride  # features a tick
+        self._stacks = tick.is_integer()
+        self._shapes = audio_shapes(config)
+        self._prior = weights.get("norms.0.prior")
+        counts = {int(tick), -int(-tick // 1)}
+        self._encoders = {n: session(audio_model(config, weights, n, bits)) for n in counts}
+
+    def init_state(self) -> AudioState:
+        layers = {name: np.zeros(shape, np.float32) for name, shape in self._shapes.items()}
+        if self._prior is not None:
+            layers["statistics"] = self._prior.reshape(1, 2).astype(np.float32)
+        nothing = np.zeros(0, np.float32)
+        tail = np.zeros((0, self.config.width), np.float32)
+        return AudioState(np.zeros(self._context, np.float32), nothing, layers, tail, 0)
+
+    def step(self, audio: Floats, state: AudioState) -> tuple[Floats, AudioState]:
+        """audio [1600] at 48 kHz -> audio_features [A], the next state."""
+        raw = np.concatenate([state.raw, audio])
+        ready = (len(raw) - self._context) // self._factor
+        windows = np.lib.stride_tricks.sliding_window_view(raw, len(self._kernel))
+        fresh = windows[:: self._factor][:ready] @ self._kernel
+        sound = np.concatenate([state.pending, fresh])
+        num = len(sound) // self.config.stride
+        used = num * self.config.stride
+        features, *after = self._encoders[num].run(
+            None, {"audio": sound[:used, None], **state.layers}
+        )
+        names = [output.name for output in self._encoders[num].get_outputs()[1:]]
+        layers = {n.removesuffix("_next"): a for n, a in zip(names, after, strict=True)}
+        raw, pending, count = raw[ready * self._factor :], sound[used:], state.count + num
+        if self._stacks:
+            return features.reshape(-1), AudioState(raw, pending, layers, state.tail, count)
+        tail = np.concatenate([state.tail, features])[-KEPT:]
+        left, weight = lerp_place(lerp_ready(count) - 1)
+        place = left - (count - len(tail))
+        pair = tail[place : place + 2]
+        mixed = pair[0] + np.float32(weight) * (pair[-1] - pair[0])
+        return mixed, AudioState(raw, pending, layers, tail, count)

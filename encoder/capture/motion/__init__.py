@@ -1,0 +1,1 @@
+"""Rule-made face motion."""

@@ -1,0 +1,1 @@
+"""Rule-made speech and aligned recordings."""

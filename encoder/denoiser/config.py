@@ -1,0 +1,97 @@
+"""Sizes of the denoiser, and the names and shapes of its weights; needs no torch.
+
+Shared by the torch module (model.py) and its live twin (graph.py).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from encoder.types import Condition
+
+# The contact head (contact.py): openings of the lips between which it may behave otherwise, and
+# the farthest that it moves them.
+KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
+REACH_MM = 3.0
+HEAD = "contact."  # how the names of its tensors begin
+# The zero convolutions of emotions (zero_conv.py)
+EMBEDDING = 512  # the paper's, of CLIP
+OUTPUT_GAIN = 10.0  # a smile lies 15 standard deviations away from the codes of neutral speech
+
+
+@dataclass(frozen=True, kw_only=True)
+class DenoiserConfig:
+    expression_dim: int = 256
+    condition: Condition = "gaze"
+    condition_dim: int = 6  # gaze: 2 unit vectors
+    audio_dim: int = 512
+    layers: int = 4
+    dim: int = 256
+    ff_dim: int = 512
+    heads: int = 4
+    window: int = 25  # w: a frame sees itself and w frames before it
+    causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
+    attention: Literal["softmax", "linear"] = "softmax"
+    num_steps: int = 200  # N
+    contact: int = 0  # hidden units of the student's contact head; 0: none
+
+    @property
+    def places(self) -> tuple[int, ...]:
+        """Sizes of what an emotion may change: before each block and the output, and after it."""
+        return (*[self.dim] * (self.layers + 1), self.expression_dim)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ZeroConvConfig:
+    labels: tuple[str, ...]
+    places: tuple[int, ...]  # of DenoiserConfig
+    embedding: int = EMBEDDING
+
+
+PRESETS = {
+    "debug": DenoiserConfig(layers=2, dim=64, ff_dim=128),
+    "default": DenoiserConfig(),
+    "paper": DenoiserConfig(layers=8, dim=512, ff_dim=1024),
+}
+
+
+def weight_shapes(config: DenoiserConfig) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of `Denoiser`'s tensors."""
+    dim, code = config.dim, config.expression_dim
+    shapes: dict[str, tuple[int, ...]] = {
+        "expression_mean": (code,),
+        "expression_std": (code,),
+        "null_audio": (config.audio_dim,),
+        "null_condition": (config.condition_dim,),
+    }
+
+    def linear(name: str, inputs: int, outputs: int) -> None:
+        shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
+
+    linear("input", code + config.audio_dim + config.condition_dim, dim)
+    linear("tau.0", dim, dim)
+    linear("tau.2", dim, dim)
+    for i in range(config.layers):
+        linear(f"blocks.{i}.attention.qkv", dim, 3 * dim)
+        linear(f"blocks.{i}.attention.out", dim, dim)
+        linear(f"blocks.{i}.up", dim, config.ff_dim)
+        linear(f"blocks.{i}.down", config.ff_dim, dim)
+        linear(f"blocks.{i}.modulate", dim, 6 * dim)
+    shapes |= {"norm.weight": (dim,), "norm.bias": (dim,)}
+    linear("output", dim, code)
+    if config.contact:
+        shapes |= {HEAD + "gap": (code,), HEAD + "rest": (), HEAD + "shut": (code,)}
+        linear(HEAD + "listen", 1 + len(KNOTS_MM) + config.audio_dim, config.contact)
+        linear(HEAD + "move", config.contact, 1)
+    return shapes
+
+
+def zero_conv_shapes(config: ZeroConvConfig) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the tensors of `ZeroConvs`."""
+    shapes: dict[str, tuple[int, ...]] = {"embeddings": (len(config.labels), config.embedding)}
+    for i, size in enumerate(config.places):
+        for kind in ("shifts", "scales"):
+            shapes[f"{kind}.{i}.weight"] = (size, config.embedding, 1)
+            shapes[f"{kind}.{i}.bias"] = (size,)
+    return shapes

@@ -1,0 +1,122 @@
+"""One tick of the denoiser as an ONNX graph.
+
+tau = N is folded into AdaLN, gates and scales into the projections.
+"""
+
+from __future__ import annotations
+
+from math import log
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from encoder.denoiser.config import KNOTS_MM, REACH_MM
+from encoder.nn.onnx_graph import Array, Bits, Graph
+from encoder.types import Weights
+
+if TYPE_CHECKING:
+    from onnx import ModelProto
+
+    from encoder.denoiser.config import DenoiserConfig
+
+
+def _embedded_tau(config: DenoiserConfig, weights: Weights) -> Array:
+    """What the tau network says at tau = N: [dim] float64."""
+    half = config.dim // 2
+    angles = config.num_steps * np.exp(np.arange(half) * (-log(10_000.0) / half))
+    x = np.concatenate([np.cos(angles), np.sin(angles)])
+    for i in (0, 2):
+        x = weights[f"tau.{i}.weight"].astype(np.float64) @ x + weights[f"tau.{i}.bias"]
+        x = x / (1 + np.exp(-x))
+    return x
+
+
+def _attention(
+    g: Graph, x: str, i: int, config: DenoiserConfig, weights: Weights, gate: Array
+) -> tuple[str, str, str]:
+    """x [1, dim] -> gated output [1, dim], the new rotated key and value [H, 1, D]."""
+    name, heads, head_dim = f"blocks.{i}.attention", config.heads, config.dim // config.heads
+    weight, bias = weights[f"{name}.qkv.weight"].T.copy(), weights[f"{name}.qkv.bias"].copy()
+    weight[:, : config.dim] *= head_dim**-0.5
+    bias[: config.dim] *= head_dim**-0.5
+    qkv = g.op("Reshape", g.linear(x, weight, bias), g.const([3 * heads, 1, head_dim]))
+    sizes = g.const([2 * heads, heads])
+    turning, v = g.op("Split", qkv, sizes, axis=0, outputs=2)
+    a, b = g.op("Split", turning, axis=2, num_outputs=2, outputs=2)
+    swapped = g.op("Concat", g.op("Neg", b), a, axis=2)
+    turned = g.op("Add", g.op("Mul", turning, "cos"), g.op("Mul", swapped, "sin"))
+    q, k = g.op("Split", turned, axis=0, num_outputs=2, outputs=2)
+    layer = g.const(np.array(i))
+    keys = g.op("Concat", g.op("Gather", "keys", layer, axis=0), k, axis=1)
+    values = g.op("Concat", g.op("Gather", "values", layer, axis=0), v, axis=1)
+    scores = g.op("MatMul", q, g.op("Transpose", keys, perm=[0, 2, 1]))
+    y = g.op("MatMul", g.op("Softmax", g.op("Add", scores, "bias"), axis=-1), values)
+    y = g.op("Reshape", y, g.const([1, config.dim]))
+    out, out_bias = weights[f"{name}.out.weight"].T * gate, weights[f"{name}.out.bias"] * gate
+    return g.linear(y, out, out_bias), k, v
+
+
+def _contact(g: Graph, x0: str, config: DenoiserConfig, weights: Weights) -> str:
+    """x0 [1, 256] with the head of contact.py behind it."""
+    sizes = [config.expression_dim, config.audio_dim, config.condition_dim]
+    _, audio, _ = g.op("Split", "inputs", g.const(sizes), outputs=3, axis=1)
+    row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
+    gap = g.linear(x0, row, rest, exact=True)
+    near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
+    seen = g.op("Concat", gap, near, audio, axis=1)
+
+    def layer(x: str, name: str) -> str:
+        weight, bias = (weights[f"contact.{name}.{part}"] for part in ("weight", "bias"))
+        return g.linear(x, weight.T, bias, exact=True)
+
+    moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
+    return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
+
+
+def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
+    """One frame at tau = N. keys, values [L, H, w, D] hold the past, rotated, in any order; bias
+    [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion [1, width]
+    holds the shift and the scale of each place (zeros: nothing; zero_conv.py)."""
+    g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
+    # in full precision: what is small among the inputs tells as much as what is large
+    x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
+    new_keys, new_values = [], []
+
+    places = np.repeat(config.places, 2)
+    moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
+
+    def with_emotion(x: str, place: int) -> str:
+        scale = g.op("Add", moods[2 * place + 1], g.const(np.array([1.0])))
+        return g.op("Add", g.op("Mul", x, scale), moods[2 * place])
+
+    for i in range(config.layers):
+        name, x = f"blocks.{i}", with_emotion(x, i)
+        modulation = weights[f"{name}.modulate.weight"] @ tau + weights[f"{name}.modulate.bias"]
+        shift1, scale1, gate1, shift2, scale2, gate2 = np.split(modulation, 6)
+        y = g.op("LayerNormalization", x, g.const(1 + scale1), g.const(shift1), epsilon=1e-5)
+        y, k, v = _attention(g, y, i, config, weights, gate1)
+        new_keys.append(k)
+        new_values.append(v)
+        x = g.op("Add", x, y)
+        y = g.op("LayerNormalization", x, g.const(1 + scale2), g.const(shift2), epsilon=1e-5)
+        y = g.linear(y, weights[f"{name}.up.weight"].T, weights[f"{name}.up.bias"])
+        y = g.op("Gelu", y, approximate="tanh")
+        down, down_bias = weights[f"{name}.down.weight"].T, weights[f"{name}.down.bias"]
+        x = g.op("Add", x, g.linear(y, down * gate2, down_bias * gate2))
+    x = with_emotion(x, config.layers)
+    scale, shift = g.const(weights["norm.weight"]), g.const(weights["norm.bias"])
+    x = g.op("LayerNormalization", x, scale, shift, epsilon=1e-5)
+    x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
+    x0 = with_emotion(x0, config.layers + 1)
+    g.rename(_contact(g, x0, config, weights) if config.contact else x0, "x0")
+    new = [config.layers, config.heads, dim // config.heads]
+    g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
+    g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")
+    cache = [config.layers, config.heads, config.window, dim // config.heads]
+    inputs = config.expression_dim + config.audio_dim + config.condition_dim
+    rope = [1, 1, dim // config.heads]
+    return g.model(
+        {"inputs": [1, inputs], "keys": cache, "values": cache, "cos": rope, "sin": rope,
+         "bias": [1, 1, config.window + 1], "emotion": [1, int(places.sum())]},
+        {"x0": [1, config.expression_dim], "key": new, "value": new},
+    )  # fmt: skip

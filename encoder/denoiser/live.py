@@ -1,0 +1,78 @@
+"""The denoiser of one live tick, at tau = N: ONNX Runtime, without torch.
+
+The graph (graph.py) is one frame of the network; this keeps its memory and its clock. Its twin in
+torch is `Denoiser.step`. Whoever puts another denoiser here keeps `init_state` and `step`, and any
+frozen state of its own. Paper section 4.3.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from encoder.denoiser.config import OUTPUT_GAIN, DenoiserConfig, ZeroConvConfig
+from encoder.denoiser.graph import denoiser_model
+from encoder.denoiser.past import Past
+from encoder.nn.onnx_graph import Bits
+from encoder.nn.onnx_session import session
+from encoder.types import Floats, Weights
+
+STALE = -1e9  # added to the score of a slot whose frame never was
+
+
+def runs_live(config: DenoiserConfig) -> bool:
+    """Can the graph express this denoiser? Else it runs in torch."""
+    return config.attention == "softmax" and config.causal
+
+
+class LiveDenoiser:
+    """Holds weights only. One stream, no batch axis."""
+
+    def __init__(self, config: DenoiserConfig, weights: Weights, bits: Bits) -> None:
+        self.config = config
+        self._session = session(denoiser_model(config, weights, bits))
+        half = config.dim // config.heads // 2
+        self._rates = 10_000.0 ** (-np.arange(half) / half)
+        self._calm = np.zeros((1, 2 * sum(config.places)), np.float32)
+
+    def init_state(self) -> Past:
+        c = self.config
+        return Past.empty(c.layers, c.heads, c.window, c.dim // c.heads)
+
+    def step(
+        self,
+        noise: Floats,  # [256] the frame at tau = N
+        features: Floats,  # [A]
+        condition: Floats,  # [condition_dim]
+        state: Past,
+        emotion: Floats | None = None,  # [2 sum(places)]; None: nothing
+    ) -> tuple[Floats, Past]:
+        """-> standardised code [256], the next state."""
+        past = state.owned()
+        bias = np.zeros((1, 1, self.config.window + 1), np.float32)
+        bias[..., past.frame : self.config.window] = STALE
+        angles = np.remainder(past.frame * self._rates, 2 * np.pi)  # float64: exact after days
+        angles = np.concatenate([angles, angles])[None, None]
+        code, key, value = self._session.run(
+            ["x0", "key", "value"],
+            {
+                "inputs": np.concatenate([noise, features, condition])[None],
+                "keys": past.ring.keys,
+                "values": past.ring.values,
+                "cos": np.cos(angles).astype(np.float32),
+                "sin": np.sin(angles).astype(np.float32),
+                "bias": bias,
+                "emotion": self._calm if emotion is None else emotion[None],
+            },
+        )
+        return code[0], past.followed_by(key, value)
+
+
+def emotion_table(config: ZeroConvConfig, weights: Weights) -> Floats:  # [labels, width]
+    """What each label does at full intensity. Twin: `ZeroConvs.table`."""
+    rows, columns = weights["embeddings"], list[Floats]()
+    for i in range(len(config.places)):
+        for kind in ("shifts", "scales"):
+            weight, bias = (weights[f"{kind}.{i}.{part}"] for part in ("weight", "bias"))
+            columns.append(rows @ weight[:, :, 0].T + bias)
+    columns[-2] = np.float32(OUTPUT_GAIN) * columns[-2]  # the shift after the output
+    return np.concatenate(columns, 1)

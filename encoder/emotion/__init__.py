@@ -1,0 +1,1 @@
+"""Emotions at run time (paper section 5.1)."""

@@ -1,0 +1,104 @@
+"""Emotions at run time: words -> intensities, cross-faded -> shifts and scales in the denoiser.
+
+Words are those of the command line, of the network and of a session's timeline: `happy`,
+`happy:0.7`, `happy:0.5+surprised:0.3`, `neutral`. Between a SensorFrame and Backend.denoise in the
+flow (paper section 5.1); a function of the frames so far and nothing else.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+
+import numpy as np
+
+from encoder.denoiser.config import ZeroConvConfig, zero_conv_shapes
+from encoder.denoiser.live import emotion_table
+from encoder.nn.checkpoint import check_shapes, config_from, load
+from encoder.types import Floats, Mood
+from sensors.types import FPS, InputError
+
+NEUTRAL = "neutral"
+FADE_FRAMES = round(0.3 * FPS)  # from one emotion to the next
+MAX_PARTS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class Emotions:
+    """What each label does between the blocks at full intensity."""
+
+    labels: tuple[str, ...]
+    table: Floats  # [labels, width], see zero_conv.py
+
+    def mixture(self, words: str) -> Floats:
+        """[labels] intensities 0..1 of `words`; raises InputError."""
+        result = np.zeros(len(self.labels), np.float32)
+        parts = [part.strip() for part in words.split("+")] if words.strip() else []
+        if len(parts) > MAX_PARTS:
+            raise InputError(
+                f"emotion: expected at most {MAX_PARTS} of them, got {words!r}; "
+                "try happy:0.5+surprised:0.5"
+            )
+        for part in parts:
+            name, colon, number = part.partition(":")
+            intensity = _intensity(number, part) if colon else 1.0 / len(parts)
+            if name.strip() != NEUTRAL:
+                result[self._index(name.strip())] += intensity
+        if result.sum() > 1 + 1e-6:
+            raise InputError(
+                f"emotion: expected intensities that add up to at most 1, got {words!r}; "
+                "try happy:0.5+surprised:0.5"
+            )
+        return result
+
+    def _index(self, name: str) -> int:
+        if name not in self.labels:
+            near = get_close_matches(name, self.labels, 1)
+            hint = f"did you mean {near[0]}?" if near else "--clip FOLDER understands other words"
+            raise InputError(
+                f"emotion: expected {NEUTRAL}, {', '.join(self.labels)}, got {name!r}; {hint}"
+            )
+        return self.labels.index(name)
+
+    def step(self, words: str, mood: Mood) -> tuple[Floats | None, Mood]:
+        """One frame -> [width] for the denoiser, None where it is nothing; the next state.
+
+        New words are faded to from wherever the last fade has come.
+        """
+        if words != mood.words:
+            mood = Mood(words, self._now(mood), self.mixture(words), FADE_FRAMES)
+        mood = Mood(mood.words, mood.start, mood.end, max(mood.left - 1, 0))
+        now = self._now(mood)
+        return (now @ self.table if now.any() else None), mood
+
+    def _now(self, mood: Mood) -> Floats:
+        if mood.start is None or mood.end is None:
+            return np.zeros(len(self.labels), np.float32)
+        if mood.left == 0:
+            return mood.end
+        share = 1 - mood.left / FADE_FRAMES
+        return ((1 - share) * mood.start + share * mood.end).astype(np.float32)
+
+
+def _intensity(number: str, part: str) -> float:
+    try:
+        value = float(number)
+    except ValueError:
+        value = float("nan")
+    if not 0 <= value <= 1:
+        raise InputError(f"emotion: expected an intensity in 0..1, got {part!r}; try happy:0.7")
+    return value
+
+
+def load_emotions(folder: Path, student_sha256: str) -> Emotions | None:
+    """The emotions of this very student; None where there are none, or another student's."""
+    path = folder / "emotion"
+    if not path.with_suffix(".json").is_file():
+        return None
+    weights, card = load(path, "emotion")
+    if card["student_sha256"] != student_sha256:
+        return None
+    config = config_from(ZeroConvConfig, card["config"])
+    check_shapes(weights, zero_conv_shapes(config), path, "emotion")
+    return Emotions(config.labels, emotion_table(config, weights))

@@ -1,0 +1,1 @@
+"""Metrics and test rows of the paper's tables."""

@@ -1,0 +1,249 @@
+"""The eye encoder at run time: a pair of near-eye pictures -> what they show (paper section 5.2).
+
+Where: SensorFrame.eyes -> EyeFraming -> EyeEncoder -> EyeReading -> EyeTracker -> condition e and
+gaze. ONNX Runtime on one thread; its only memory is where the eyes lie in the pictures, a value.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from encoder.eyes.format import (
+    GAZE_UNIT,
+    MIN_SPREAD,
+    RIG,
+    SIDE,
+    EyeNetConfig,
+    doubt_of,
+    normalised,
+    unit,
+)
+from encoder.eyes.framing import EyeFraming, FramingState, new_framing
+from encoder.nn.checkpoint import config_from, load
+from sensors.types import InputError
+
+Array = NDArray[np.float32]
+MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
+SIDES = np.array([[1.0, 1.0], [-1.0, 1.0]], np.float32)  # the same, of x and y
+OPEN = 0.35  # lid opening from which on gaze is seen well
+USUAL_VERGENCE, MAX_VERGENCE = 0.064, 0.16  # of x, right minus left: at 1 m, at 40 cm
+VERGENCE_TRUST = 0.25  # each eye errs by more than vergence varies
+# Of sines by which eyes disagree: up to the first they look at one thing, from the second on each
+# goes its own way, e.g. where one picture is shown to both.
+NEAR, FAR = 0.2, 0.4
+# Doubt in degrees, over time: pictures up to the first are as those that the features were learned
+# of, and so are gaze and lids; from the second on both are what the meter says.
+USUAL_DOUBT, STRANGE_DOUBT = 2.5, 3.2
+DOUBT_SHARE, AWAKE = 1 / 60, 0.5  # of a tick in the doubt; opening from which on it counts
+PAIR_REACH = 0.1  # what both pictures together may correct; twice that is not believed at all
+
+
+def conjugate(
+    xy: Array,  # [2, 2] of both eyes, head frame
+    weight: Array,  # [2] 0..1 how well each eye is seen
+) -> Array:  # [2, 2]
+    """Eyes move together: one direction from both, as high as each other, converging a little."""
+    share = (weight + 1e-3) / (weight + 1e-3).sum()
+    vergence = np.clip(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
+    vergence = USUAL_VERGENCE + VERGENCE_TRUST * weight.min() * vergence
+    half = np.array([[-0.5 * vergence, 0], [0.5 * vergence, 0]], np.float32)
+    middle = (share[:, None] * (xy - half)).sum(0)
+    return (middle + half).astype(np.float32)
+
+
+def trust(lids: Array, score: Array) -> Array:  # [2] each -> [2]
+    """How well each eye is seen, 0..1: one that is shut or doubtful says little."""
+    return (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
+
+
+def joined(
+    gaze: Array,  # [2, 3] unit vectors
+    lids: Array,  # [2] opening
+    score: Array,  # [2]
+) -> Array:  # [2, 3]
+    """Where both eyes look. After calibration: what is personal differs from eye to eye, and a mean
+    of both with changing weights would mix it.
+    """
+    own, weight = gaze[:, :2], trust(lids, score)
+    apart = own[1] - own[0] - np.array([USUAL_VERGENCE, 0], np.float32)
+    agree = np.clip((FAR - np.linalg.norm(apart)) / (FAR - NEAR), 0, 1)
+    share = np.float32(1 - weight.min() * (1 - agree))
+    return unit(own + share * (conjugate(own, weight) - own))
+
+
+SURE, OPEN_LIDS = np.zeros(2, np.float32), np.ones(2, np.float32)
+NO_GAZE = np.zeros((2, 3), np.float32)
+NO_PUPILS = np.full((2, 2), 0.5, np.float32)
+NO_PICTURE = np.zeros((2, SIDE, SIDE), np.uint8)
+
+
+class EyeReading(NamedTuple):
+    """Left eye first. Everything is finite, whatever the pictures show."""
+
+    features: Array  # [2, 80] in -1..1, of left-like eyes
+    gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it
+    lids: Array  # [2] opening: 0 shut .. 1 open
+    score: Array  # [2] 0..1: is there an eye? 0: a flat picture
+    relative: Array  # [2, 3] gaze but for a constant of the wearer: what calibration maps
+    together: Array  # [2, 3] gaze as both pictures show it: right while both eyes are seen
+    # What the features themselves tell; all 0: just that.
+    told_gaze: Array = NO_GAZE  # [2, 3]
+    told_lids: Array = OPEN_LIDS  # [2]
+    doubt: Array = SURE  # [2] of the gaze: how far it is off, in degrees, as far as can be seen
+    side: Array = SURE  # [2] 0..1: is this eye the one that its camera is to show, upright?
+    pupils: Array = NO_PUPILS  # [2, 2] places in the framed picture, 0..1 from its upper left
+    framed: NDArray[np.uint8] = NO_PICTURE  # [2, 100, 100] what the network saw: left-like eyes
+
+    def told(self, good: NDArray[np.bool_] | None = None) -> Array:  # [2] -> [2, 3]
+        """Gaze of each eye, told by both pictures as far as both show an eye: see `joined`."""
+        score = self.score if good is None else self.score * good
+        away = self.together[:, :2] - self.gaze[:, :2]
+        believed = np.clip(2 - np.linalg.norm(away, axis=1).max() / PAIR_REACH, 0, 1)
+        share = np.float32(trust(self.lids, score).min() * believed)
+        return unit(self.gaze[:, :2] + share * away)
+
+    def as_features(self, told: Array) -> Array:  # [2, 3] -> [2, 3]
+        """The gaze that the features stand for, where `told` is shown."""
+        if not self.told_gaze.any():
+            return told
+        return unit(told[:, :2] + self.told_gaze[:, :2] - self.gaze[:, :2])
+
+
+@dataclass(frozen=True, eq=False)
+class EncoderState:
+    """A value: what is known of the cameras' pictures."""
+
+    framing: FramingState
+    doubt: Array  # [2] of the gaze in degrees, over the last seconds; 0: none was seen yet
+    # What both networks said when they were last asked: features, heads; measures.
+    told: tuple[Array, Array] | None = None
+    measured: Array | None = None
+
+    @property
+    def strange(self) -> Array:  # [2] 0..1
+        """How far pictures are from those that the features were learned of."""
+        away = (self.doubt - USUAL_DOUBT) / (STRANGE_DOUBT - USUAL_DOUBT)
+        return np.clip(away, 0, 1).astype(np.float32)
+
+
+def new_encoder_state() -> EncoderState:
+    """Before the first picture."""
+    return EncoderState(new_framing(), np.zeros(2, np.float32))
+
+
+class EyeEncoder:
+    """Holds weights only."""
+
+    def __init__(self, config: EyeNetConfig, weights: dict[str, Any]) -> None:
+        from encoder.eyes.graph import eye_model, meter_model
+        from encoder.nn.onnx_session import session
+
+        weights = {name: np.asarray(array, np.float32) for name, array in weights.items()}
+        self.config, self.framing = config, EyeFraming(weights)
+        self._session = session(eye_model(config, weights))
+        self._meter = session(meter_model(config, weights))
+        self._relative = weights["relative"]
+        self._synthesis, self._pair = (
+            [(weights[f"{name}.{i}.weight"].T.copy(), weights[f"{name}.{i}.bias"]) for i in (0, 2)]
+            for name in ("synthesis", "pair")
+        )
+
+    def __call__(self, eyes: NDArray[np.uint8]) -> EyeReading:  # [2, 400, 400] left, right
+        """A first look: the eyes are looked for in these pictures alone."""
+        return self.step(eyes, new_encoder_state())[0]
+
+    def step(
+        self,
+        eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
+        state: EncoderState,
+    ) -> tuple[EyeReading, EncoderState]:
+        framed, framing = self.framing.step(eyes, state.framing)
+        small, spreads = normalised(framed)
+        features, heads, measures, state = self._asked(small, replace(state, framing=framing))
+        # an eye that only the framed picture or only the whole one shows is none
+        score = np.minimum(_chance(measures[:, 0]), framing.chance)
+        flat = spreads < MIN_SPREAD
+        relative = features @ self._relative[:-1] + self._relative[-1]
+        pair = np.concatenate([features, features[::-1]], 1)
+        together = heads[:, :2] + np.float32(GAZE_UNIT) * _through(self._pair, pair)
+        doubt = np.degrees(GAZE_UNIT * doubt_of(measures[:, 4])).astype(np.float32)
+        state = _with_doubt(state, doubt, measures[:, 1])
+        strange = state.strange
+        measured = np.float32(GAZE_UNIT) * measures[:, 2:4]
+        told_lids = np.clip(heads[:, 2], 0, 1)
+        lids = told_lids + strange * (np.clip(measures[:, 1], 0, 1) - told_lids)
+        seen = [xy + strange[:, None] * (measured - xy) for xy in (heads[:, :2], together)]
+        gazes = [unit(xy * SIDES) for xy in (seen[0], relative, seen[1], heads[:, :2])]
+        reading = EyeReading(
+            features=features,
+            gaze=gazes[0],
+            lids=lids.astype(np.float32),
+            score=np.where(flat, np.float32(0), score),
+            relative=gazes[1],
+            together=gazes[2],
+            told_gaze=gazes[3],
+            told_lids=told_lids,
+            doubt=doubt,
+            side=np.where(flat, np.float32(0), _chance(heads[:, 3])),
+            pupils=np.clip(0.5 + 0.5 * measures[:, 5:7], 0, 1),
+            framed=framed,
+        )
+        return reading, state
+
+    def _asked(self, small: Array, state: EncoderState) -> tuple[Array, Array, Array, EncoderState]:
+        """Features, heads and measures; not every tick asks both networks, which would cost twice.
+
+        Usual pictures are the encoder's: the meter is asked at every fourth tick. Strange ones are
+        the meter's: features are asked for at every second, and moved along by what it measures.
+        """
+        told, measured, tick = state.told, state.measured, state.framing.tick
+        if told is None or state.strange.min() < 1 or tick % 2 == 0:
+            features, heads = self._session.run(None, {"pixels": small})
+            told = features, heads
+        if measured is None or state.strange.max() > 0 or tick % 4 == 0:
+            (measured,) = self._meter.run(None, {"pixels": small})
+        return told[0], told[1], measured, replace(state, told=told, measured=measured)
+
+    def synthesise(
+        self,
+        gaze: Array,  # [2, 3] unit vectors, head frame
+        lids: Array,  # [2] opening
+    ) -> Array:  # [2, 80]
+        """The features that such eyes would give on average."""
+        face = np.zeros((2, 2 + len(RIG)), np.float32)
+        face[:, :1] = gaze[:, :1] * MIRROR / GAZE_UNIT
+        face[:, 1] = gaze[:, 1] / GAZE_UNIT
+        face[:, 2] = 1 - lids  # eyeBlink
+        return np.tanh(_through(self._synthesis, face))
+
+
+def _with_doubt(state: EncoderState, doubt: Array, lids: Array) -> EncoderState:
+    """The doubts [2] of one more pair of pictures, where the eyes are open."""
+    share = np.where(state.doubt == 0, 1.0, DOUBT_SHARE) * (lids > AWAKE)
+    return replace(state, doubt=(state.doubt + share * (doubt - state.doubt)).astype(np.float32))
+
+
+def _chance(logits: Array) -> Array:
+    return (1 / (1 + np.exp(-np.clip(logits, -30, 30)))).astype(np.float32)
+
+
+def _through(layers: list[tuple[Array, Array]], x: Array) -> Array:
+    (first, first_bias), (second, second_bias) = layers
+    return np.tanh(x @ first + first_bias) @ second + second_bias
+
+
+def load_eye_encoder(folder: Path) -> EyeEncoder:
+    """The trained eye encoder of a weights folder; InputError where it is missing or damaged."""
+    weights, card = load(folder / "eyes", "eyes")
+    try:
+        return EyeEncoder(config_from(EyeNetConfig, card["config"]), weights)
+    except KeyError as missing:
+        raise InputError(
+            f"checkpoint {folder / 'eyes'}: expected weights named {missing}, got none; "
+            "it is of another version: run `livedrive train eyes` or restore the file"
+        ) from None

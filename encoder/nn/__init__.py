@@ -1,0 +1,1 @@
+"""What the networks share: streaming, attention, ONNX graphs, checkpoints."""

@@ -1,0 +1,47 @@
+"""Checkpoints as torch modules, in full precision: where stages and evaluations begin."""
+
+from pathlib import Path
+from typing import Any
+
+from encoder.audio.config import AudioEncoderConfig
+from encoder.audio.encoder import AudioEncoder
+from encoder.denoiser.config import DenoiserConfig, ZeroConvConfig
+from encoder.denoiser.model import Denoiser
+from encoder.denoiser.zero_conv import ZeroConvs
+from encoder.eyes.format import EyeNetConfig
+from encoder.eyes.network import EyeNet
+from encoder.nn.checkpoint import config_from, load
+from encoder.nn.modules import fill
+from encoder.training.centred import CentredEncoder
+
+Card = dict[str, Any]
+
+
+def load_encoder(path: Path) -> AudioEncoder:
+    """An audio encoder of either kind."""
+    weights, card = load(path, "audio", "centred")
+    config = config_from(AudioEncoderConfig, card["config"])
+    kind = CentredEncoder if card["kind"] == "centred" else AudioEncoder
+    return fill(kind(config), weights, path, card["kind"])
+
+
+def load_denoiser(path: Path, *kinds: str) -> tuple[Denoiser, Card]:
+    weights, card = load(path, *kinds)
+    return fill(
+        Denoiser(config_from(DenoiserConfig, card["config"])), weights, path, card["kind"]
+    ), card
+
+
+def load_zero_convs(path: Path) -> tuple[ZeroConvs, Card]:
+    """Those of a checkpoint, whatever student they extend."""
+    weights, card = load(path, "emotion")
+    return fill(
+        ZeroConvs(config_from(ZeroConvConfig, card["config"])), weights, path, card["kind"]
+    ), card
+
+
+def load_eye_net(path: Path) -> tuple[EyeNet, Card]:
+    weights, card = load(path, "eyes")
+    return fill(
+        EyeNet(config_from(EyeNetConfig, card["config"])), weights, path, card["kind"]
+    ), card

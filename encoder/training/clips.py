@@ -1,0 +1,35 @@
+"""The clips of a data pack, and what the frozen audio encoder hears in them."""
+
+from pathlib import Path
+
+import numpy as np
+from torch import Tensor
+
+from encoder.audio.encoder import AudioEncoder
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_pack
+
+
+def grouped(pack: Path, split: str) -> dict[str, list[Clip]]:
+    """The clips of a split by their kind of truth."""
+    groups: dict[str, list[Clip]] = {}
+    for clip in read_pack(pack, split):
+        groups.setdefault(clip.truth, []).append(clip)
+    return groups
+
+
+def pick(clips: list[Clip], truth: str, rng: np.random.Generator) -> Clip:
+    """A random clip. Tracked ones by voice first, as the root of how many clips it has: nearly all
+    are of one speaker, and it is other voices that are hard."""
+    if truth == "tracked":
+        voices, counts = np.unique([clip.voice for clip in clips], return_counts=True)
+        share = np.sqrt(counts) / np.sqrt(counts).sum()
+        voice = rng.choice(voices, p=share)
+        clips = [clip for clip in clips if clip.voice == voice]
+    return clips[rng.integers(len(clips))]
+
+
+def stacked(encoder: AudioEncoder, audio: Tensor) -> Tensor:
+    """[B, 800 T] at 24 kHz -> audio_features [B, T, A]: the features of each frame."""
+    features = encoder(audio[..., None])
+    count = PACK_SAMPLES_PER_FRAME // encoder.config.stride
+    return features.reshape(len(features), -1, count * encoder.config.width)

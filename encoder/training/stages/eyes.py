@@ -1,0 +1,206 @@
+"""Stage "eyes": train the eye encoder on the capture stage's renders (paper section 5.2).
+
+Gaze, lid opening, the upper face's rig channels and validity are regressed from the features, whose
+80 numbers an eye are the condition e. Beside it a small map from gaze and rig back to features is
+learned: it makes e for the denoiser's training data and for lost cameras. Subjects are split. The
+stage "wide-eyes" goes on from here.
+"""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from encoder.eyes.format import GAZE_UNIT, EyeNetConfig, unit
+from encoder.eyes.format import PRESETS as NETS
+from encoder.eyes.network import EyeNet
+from encoder.nn import checkpoint
+from encoder.training import loop
+from encoder.training.presets import Presets
+from encoder.training.streams.eye_pictures import EyePictures, augmented, standard
+
+TRUTH = "made by rules; pictures rendered by the capture stage"
+OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+NEAR, WIDE = 0.27, 0.5  # relative gaze is fitted up to these sines (16 degrees), from this lid on
+RELATIVE_RIDGE = 10.0
+TEST_SHARE = 10  # every tenth subject is never trained on
+
+
+@dataclass(frozen=True, kw_only=True)
+class EyesConfig:
+    pictures: Path  # folder with eyes_*.npz
+    output: Path  # checkpoint, without suffix
+    run: loop.RunSettings
+    net: EyeNetConfig = NETS["default"]
+    steps: int = 12_000
+    batch: int = 64
+    rate: float = 2e-3
+
+
+preset = Presets(
+    EyesConfig,
+    {
+        "debug": {"net": NETS["debug"], "steps": 2, "batch": 8},
+        "default": {},
+        "paper": {"steps": 200_000},
+    },
+)
+
+
+def losses(net: EyeNet, data: EyePictures, pairs: np.ndarray) -> dict[str, Tensor]:
+    """On pairs of pictures `pairs` [B / 4] of the data and on another moment of the same people, as
+    the same cameras would see it; distorted at random.
+    """
+    subject: np.ndarray = data.subject[::2]
+    after, before = (pairs + 1) % len(subject), (pairs - 1) % len(subject)
+    again = np.where(subject[after] == subject[pairs], after, before)
+    chosen = np.concatenate([pairs, again])
+    chosen = (2 * chosen[:, None] + np.arange(2)).ravel()  # left, right, left, right ..
+    x, valid = augmented(data.pictures[chosen], times=2)
+    out = net(x)
+    gaze, lids, rig = (
+        torch.from_numpy(array[chosen]) for array in (data.gaze, data.lids, data.rig)
+    )
+    weight = valid * torch.where(lids > OPEN_ENOUGH, 1.0, 0.02)
+    both = net.together(out.features.float().unflatten(0, (-1, 2)), out.gaze.unflatten(0, (-1, 2)))
+    both_seen = weight.unflatten(0, (-1, 2)).amin(1).repeat_interleave(2)
+    first, second = (out.features.float() @ net.relative[:-1]).chunk(2)
+    same_person = torch.from_numpy(np.repeat(subject[again] == subject[pairs], 2))
+    both_moments = torch.minimum(*weight.chunk(2)) * same_person
+    turned = torch.sub(*gaze.chunk(2))
+    synthesised = net.synthesise(gaze, rig)
+    features = out.features.float().detach()
+    result = {
+        "gaze": gaze_loss(out.gaze, gaze, weight),
+        "pair": gaze_loss(both.flatten(0, 1), gaze, both_seen),
+        "relative": gaze_loss(first - second, turned, both_moments),
+        "lid": ((out.lid.float() - lids).abs() * valid).mean(),
+        "rig": ((out.rig.float() - rig).square().mean(1) * valid).mean(),
+        "valid": functional.binary_cross_entropy_with_logits(out.valid.float(), valid.float()),
+        "synthesis": ((synthesised - features).square().mean(1) * valid).mean(),
+    }
+    weights = {"gaze": 1.0, "pair": 1.0, "relative": 1.0, "lid": 1.5, "rig": 2.0, "valid": 0.2}
+    weights["synthesis"] = 1.0
+    return result | {"total": sum((weights[k] * v for k, v in result.items()), torch.zeros(()))}
+
+
+def gaze_loss(actual: Tensor, expected: Tensor, weight: Tensor) -> Tensor:  # [B, 2] x 2, [B]
+    away = functional.smooth_l1_loss(
+        actual.float() / GAZE_UNIT, expected / GAZE_UNIT, reduction="none", beta=0.1
+    )
+    return (away.mean(1) * weight).sum() / weight.sum().clamp(min=1)
+
+
+def run(config: EyesConfig) -> dict[str, float]:
+    """Train, judge on held-out subjects, and write the encoder with its card."""
+    torch.manual_seed(config.run.seed)
+    pictures = EyePictures.load(config.pictures)
+    held_out = pictures.subject % TEST_SHARE == TEST_SHARE - 1
+    train, test = pictures.where(~held_out), pictures.where(held_out)
+    net = EyeNet(config.net)
+
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        return losses(net, train, rng.integers(len(train.lids) // 2, size=config.batch // 4))
+
+    metrics, curve = loop.train(
+        "eyes", {"net": net}, step_losses, steps=config.steps, rate=config.rate, run=config.run
+    )
+    net.eval()
+    fit_spreads(net, train)
+    fit_relative(net, train)
+    if len(test.lids):
+        metrics |= judge(net, test)
+    card = {
+        "kind": "eyes",
+        "config": asdict(config.net),
+        "data": {"rendered eyes": "made by rules"},
+        "truth": TRUTH,
+        "steps": config.steps,
+        "pictures": len(train.lids),
+        **config.run.card(metrics, curve),
+    }
+    checkpoint.save(config.output, loop.halved(net.state_dict()), card)
+    return metrics
+
+
+@torch.no_grad()
+def predict(net: EyeNet, x: Tensor) -> list[np.ndarray]:
+    """[n, 1, 100, 100] -> features, gaze, lid, valid, rig, in batches."""
+    parts = [net(part) for part in x.split(256)]
+    return [torch.cat(columns).numpy() for columns in zip(*parts, strict=True)]
+
+
+@torch.no_grad()
+def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
+    """How features scatter about what the synthesis says: frame by frame, and between subjects.
+
+    Cameras sit still: what moving and lighting the pictures adds counts as a subject's constant.
+    """
+    chosen = _some_people(data, count)
+    gaze, rig = torch.from_numpy(data.gaze[chosen]), torch.from_numpy(data.rig[chosen])
+    expected = net.synthesise(gaze, rig).numpy()
+    subject = data.subject[chosen]
+    _, place = np.unique(subject, return_inverse=True)
+    still = predict(net, standard(torch.from_numpy(data.pictures[chosen]).float()))[0] - expected
+    means = np.stack([np.bincount(place, c) / np.bincount(place) for c in still.T], 1)
+    frame = np.cov((still - means[place]).T)
+    x, valid = augmented(data.pictures[chosen])
+    every = (predict(net, x)[0] - expected)[valid.numpy()]
+    for buffer, covariance in (
+        (net.frame_spread, frame),
+        (net.subject_spread, np.cov(every.T) - frame),
+    ):
+        values, vectors = np.linalg.eigh(covariance)
+        root = vectors * np.sqrt(np.maximum(values, 0))
+        buffer.copy_(torch.from_numpy(root @ vectors.T))
+
+
+@torch.no_grad()
+def fit_relative(net: EyeNet, data: EyePictures, count: int = 24_000) -> None:
+    """Least squares of how gaze differs from the mean of the same eye, on how features do."""
+    data = data.where(_some_people(data, count))
+    eye = 2 * data.subject + np.arange(len(data.lids)) % 2
+    seen = (data.lids > WIDE) & (np.abs(data.gaze).max(1) < NEAR)
+    pictures, gaze = data.pictures[seen], data.gaze[seen].astype(np.float64)
+    features = predict(net, standard(torch.from_numpy(pictures).float()))[0].astype(np.float64)
+    _, place, sizes = np.unique(eye[seen], return_inverse=True, return_counts=True)
+
+    def centred(rows: np.ndarray) -> np.ndarray:
+        means = np.stack([np.bincount(place, c) / sizes for c in rows.T], 1)
+        return rows - means[place]
+
+    x, y = centred(features), centred(gaze)
+    weight = np.linalg.solve(x.T @ x + RELATIVE_RIDGE * np.eye(x.shape[1]), x.T @ y)
+    bias = (gaze - features @ weight).mean(0)
+    net.relative.copy_(torch.from_numpy(np.concatenate([weight, bias[None]])))
+
+
+def _some_people(data: EyePictures, count: int) -> np.ndarray:
+    """[n] bool: all that there is of as many people as make `count` pictures."""
+    people = np.unique(data.subject)
+    share = min(1.0, count / len(data.lids))
+    kept = np.linspace(0, len(people) - 1, max(1, int(share * len(people)))).astype(int)
+    return np.isin(data.subject, people[kept])
+
+
+def judge(net: EyeNet, data: EyePictures) -> dict[str, float]:
+    """Errors on pictures as they were rendered."""
+    x = standard(torch.from_numpy(data.pictures).float())
+    _, gaze, lid, valid, _ = predict(net, x)
+    seen = data.lids > OPEN_ENOUGH
+    off = gaze_error_deg(unit(gaze), unit(data.gaze))[seen]
+    return {
+        "heldout_gaze_deg_median": float(np.median(off)),
+        "heldout_gaze_deg_p95": float(np.percentile(off, 95)),
+        "heldout_lid_mae": float(np.abs(np.clip(lid, 0, 1) - data.lids).mean()),
+        "heldout_valid_share": float((valid > 0).mean()),
+    }
+
+
+def gaze_error_deg(actual: np.ndarray, expected: np.ndarray) -> np.ndarray:
+    """Unit vectors [..., 3] -> degrees between them [...]."""
+    chord = np.linalg.norm(actual.astype(np.float64) - expected, axis=-1)
+    return np.degrees(2 * np.arcsin(np.clip(chord / 2, 0, 1)))

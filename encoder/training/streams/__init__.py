@@ -1,0 +1,1 @@
+"""Training streams: features beside motion."""

@@ -1,0 +1,165 @@
+"""Theta_id for anyone: a mean geometry and a mean texture become an avatar (paper Sec. 3).
+
+Needs the prior's weights only, not the face data. Geometry has the topology of the prior's mesh.
+"""
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render import strands
+from render.avatars import lashes, textures
+from render.decoder import mesh_parts, prior_file
+from render.decoder.cover import turned_out
+from render.decoder.identity import GLOSS_STEPS, Identity
+from render.decoder.learned import atlas, weights_file
+from render.decoder.posing import Rest
+from render.decoder.surface import SKIN
+from render.gl.contexts import GLContext, create_context
+from render.gl.occlusion import Occlusion
+from render.types import Floats
+from sensors.types import InputError
+
+
+class Maker:
+    """Computes identities; keeps the prior and a GL context between them."""
+
+    def __init__(
+        self, folder: Path = weights_file.FOLDER, context: GLContext | None = None
+    ) -> None:
+        self._t, card = weights_file.load(folder / "prior", prior_file.KIND)
+        fields = prior_file.parts(self._t, card)
+        self.posing, self.surface = fields["posing"], fields["surface"]
+        self.faces, self.regions = fields["faces"], fields["regions"]
+        self.template = prior_file.template(self._t)
+        self.anchor_triangles = self._t["anchor_triangles"].astype(np.int32)
+        self._context = context
+
+    @cached_property
+    def solid(self) -> NDArray[np.int32]:
+        """[S, 3] triangles that block light."""
+        return self.faces[self._t["drawn"]]
+
+    @cached_property
+    def skin(self) -> NDArray[np.int32]:
+        """[F, 3] triangles of the skin."""
+        return self.solid[(self._t["vertex_kinds"][self.solid] == SKIN).all(1)]
+
+    @cached_property
+    def occlusion(self) -> Occlusion:
+        return Occlusion(self._context or create_context(), self.solid)
+
+    @cached_property
+    def _gather(self) -> Any:
+        return mesh_parts.normal_sum(self.solid, len(self.template))
+
+    def normals(self, vertices: Floats) -> Floats:
+        return mesh_parts.vertex_normals(vertices, self.solid, self._gather)
+
+    def identity(
+        self,
+        name: str,
+        geometry: Floats,  # [V, 3] mm
+        skin: Floats,  # [H, 2 H, 3] 0..1
+        eye: str | Floats = "brown",  # a name of `eyes`, or a picture
+        cover: Floats | None = None,  # [T, 3, 3] mm of hair that casts shadow
+    ) -> Identity:
+        """Theta_id, bald and shaven but for lashes; `dataclasses.replace` adds hair and beard."""
+        rest = self.posing.rest(geometry)
+        bald = self.visibility(rest)
+        visibility = bald if cover is None else self.visibility(rest, cover)
+        visibility = turned_out(self.surface, self.posing, rest.geometry, visibility)
+        return Identity(
+            name=name,
+            rest=rest,
+            albedo=self.albedo(skin, eye),
+            gloss=self._t["anchor_gloss"].astype(np.float32) / np.float32(GLOSS_STEPS),
+            opacity_factors=np.ones(len(self.surface.scales), np.float32),
+            visibility=np.ascontiguousarray(visibility.T),
+            biases=self.biases(rest, skin, bald[:, :2]),
+            hair=strands.bald(),
+            beard=lashes.grow(self.posing, rest, self.skin),
+        )
+
+    def visibility(self, rest: Rest, cover: Floats | None = None) -> Floats:  # [U, 4]
+        normals = self.normals(rest.geometry)
+        return self.occlusion(rest.geometry, normals, cover)[self.surface.used]
+
+    @property
+    def eyes(self) -> list[str]:
+        return sorted(k.removeprefix("eye.") for k in self._t if k.startswith("eye."))
+
+    def albedo(self, skin: Floats, eye: str | Floats) -> Floats:  # [N, 3]
+        """The colour of every Gaussian, read as the photometric fit found best."""
+        if isinstance(eye, str) and eye not in self.eyes:
+            raise InputError(f"eye: expected one of {', '.join(self.eyes)}, got {eye!r}")
+        t = self._t
+        picture = np.ones((8, 8, 3), np.float32) if isinstance(eye, str) else eye
+        plain = t["anchor_plain"].astype(np.float32) / np.float32(255)
+        levels = textures.levels(t["anchor_kinds"], t["anchor_uv"], plain, skin, picture)
+        albedo = np.einsum("nl,nlc->nc", t["anchor_mixing"].astype(np.float32), levels)
+        if isinstance(eye, str):
+            on_eye = t["anchor_kinds"] == mesh_parts.EYE
+            albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
+        return np.clip(albedo, 0, 1)
+
+    def biases(self, rest: Rest, skin: Floats, visibility: Floats) -> tuple[Floats, ...]:
+        """The identity encoder: a bias map for every level of the light decoder."""
+        import torch
+
+        from render.decoder.learned import networks
+
+        network = networks.IdentityEncoder()
+        network.load_state_dict(self._state("identity"))
+        used = self.surface.used
+        moved = rest.geometry[used] - self.template[used]
+        colors = vertex_albedo(
+            skin, self._t["vertex_colors"], self._t["vertex_uv"], self._t["vertex_kinds"][used] == 0
+        )
+        maps = identity_maps(atlas.build(self._t["places"]), colors, moved, visibility)
+        with torch.no_grad():
+            levels = network(torch.from_numpy(maps)[None])
+        return tuple(level[0].flatten(1).T.contiguous().numpy() for level in levels)
+
+    def expression_encoder(self) -> Any:
+        """The VAE's encoder with its trained weights (networks.ExpressionEncoder)."""
+        from render.decoder.learned import networks
+
+        network = networks.ExpressionEncoder(len(self._t["free"]))
+        network.load_state_dict(self._state("expression"))
+        return network
+
+    def _state(self, name: str) -> dict[str, Any]:
+        import torch
+
+        prefix = f"{name}."
+        return {
+            key.removeprefix(prefix): torch.from_numpy(value.astype(np.float32))
+            for key, value in self._t.items()
+            if key.startswith(prefix)
+        }
+
+
+GEOMETRY_UNIT_MM = 10.0  # one unit of the geometry maps
+
+
+def identity_maps(at: atlas.Atlas, albedo: Floats, moved_mm: Floats, visibility: Floats) -> Floats:
+    """[U, 3], [U, 3], [U, 2] -> what the identity encoder reads [8, 64, 128]."""
+    rows = np.concatenate([albedo - 0.5, moved_mm / GEOMETRY_UNIT_MM, visibility - 0.5], 1)
+    return atlas.picture(at, rows.astype(np.float32))
+
+
+def vertex_albedo(
+    skin: Floats,  # [H, 2 H, 3]
+    colors: NDArray[np.uint8],  # [U, 3] of what has no texture
+    uv: Floats,  # [U, 2]
+    on_skin: NDArray[np.bool_],  # [U]
+) -> Floats:  # [U, 3]
+    """The person's skin at the vertices, coarse; everyone's colours elsewhere."""
+    out = colors.astype(np.float32) / np.float32(255)
+    step = max(1, skin.shape[0] // 128)
+    out[on_skin] = textures.sample(skin[::step, ::step], uv[on_skin] * np.array([0.5, 1], "f4"))
+    return out

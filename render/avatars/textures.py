@@ -1,0 +1,51 @@
+"""Colours from pictures: bilinear look-ups and blurred levels of a texture at the anchors."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from render.decoder import mesh_parts
+from render.types import Floats
+
+SKIN_SIGMAS = (0.7, 2.0, 4.0, 8.0)  # texels of the skin atlas (2048 x 1024)
+EYE_SIGMAS = (0.7, 1.5, 3.0, 6.0)  # texels of an eye's picture
+LEVELS = len(SKIN_SIGMAS)
+
+
+def sample(image: Floats, at: Floats) -> Floats:
+    """Bilinear look-up of `image` [H, W, C] at `at` [n, 2] (v up) -> [n, C]."""
+    height, width = image.shape[:2]
+    rows = (1 - at[:, 1] % 1.0) * height - 0.5
+    columns = (at[:, 0] % 1.0) * width - 0.5
+    return np.stack(
+        [
+            map_coordinates(image[..., c], [rows, columns], order=1, mode="nearest")
+            for c in range(image.shape[-1])
+        ],
+        1,
+    ).astype(np.float32, copy=False)
+
+
+def soft(image: Floats, sigma: float) -> Floats:  # [H, W, C]
+    """Blurred by so many texels."""
+    return np.asarray(gaussian_filter(image, (sigma, sigma, 0), truncate=3.0), np.float32)
+
+
+def levels(
+    kind: NDArray[np.integer],  # [N] see mesh_parts
+    at: Floats,  # [N, 2] texture coordinates
+    plain: Floats,  # [N, 3] colour of what has no texture, gain of what has
+    skin: Floats,  # [1024, 2048, 3]
+    eye: Floats,  # [512, 512, 3]
+) -> Floats:  # [N, LEVELS, 3]
+    """What each anchor sees of the person's pictures, from sharp to blurred."""
+    out = np.repeat(plain[:, None], LEVELS, 1)
+    for which, image, sigmas, scale in (
+        (mesh_parts.SKIN, skin, SKIN_SIGMAS, (0.5, 1.0)),
+        (mesh_parts.EYE, eye, EYE_SIGMAS, (1.0, 1.0)),
+    ):
+        rows = kind == which
+        place = (at[rows] * np.array(scale, np.float32)).astype(np.float32)
+        for level, sigma in enumerate(sigmas):
+            out[rows, level] *= sample(soft(image, sigma), place)
+    return out

@@ -1,1 +1,0 @@
-"""Renderers that `livedrive bench render` measures ours against."""

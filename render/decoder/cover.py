@@ -1,0 +1,128 @@
+"""Gaussians without holes: lids that hide the eye, lips that end in a line, eyes whole when near.
+
+The fit looks at pictures of 512 pixels, where a splat is blurred by a third of a millimetre, and
+seldom at shut lids, the inside of a lip, ears or the nape. So it leaves Gaussians there narrower
+than the space between them: an eye shines through its lid, the edge of an open mouth crumbles,
+an iris seen near is uneven, as if it looked elsewhere, dots cover neck and ears, and shoulders
+have holes.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.decoder import mesh_parts
+from render.decoder.posing import Posing, sphere_centre
+from render.decoder.surface import Surface, stretch
+from render.types import AHEAD, Floats
+
+NEIGHBOURS = 4
+SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
+OPACITY = 0.9  # at least
+LOOSE_SHARE, LOOSE_OPACITY = 0.45, 0.9  # of skin off the face
+HOLE_MM = 8.0  # a bare place further off from all is no hole
+SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
+PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
+# mm before the teeth furthest back: between them the lower and the upper ones fade away
+MOLARS_MM = {"lower": (41.0, 47.0), "upper": (30.0, 38.0)}
+RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
+
+
+def cover(
+    head: Surface,
+    opacities: Floats,  # [N]
+    kinds: NDArray[np.integer],  # [N] see mesh_parts
+    edges: NDArray[np.int32],  # vertices of lids and lips
+    front: NDArray[np.int32],  # vertices of the face, which the fit knows
+    posing: Posing,
+    mean_face: Floats,  # [V, 3] mm at rest
+) -> tuple[Floats, Floats]:
+    """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck."""
+    shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
+    _, _, areas = head.whole.normals(shut)
+    shut_stretch = stretch(areas[head.triangle], head.rest_areas)
+    points = head.interpolate @ shut[head.used]
+    on_edge, on_face = (
+        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (edges, front)
+    )
+    widths, opacities = head.scales.copy(), opacities.copy()
+    for kind in (mesh_parts.SKIN, mesh_parts.EYE):
+        of_kind = kinds == kind
+        apart = np.zeros_like(widths)
+        apart[of_kind] = spacing(points[of_kind])
+        covers = of_kind & (on_edge | (kind == mesh_parts.EYE))
+        loose = of_kind & ~(covers | on_face)
+        for which, share, least in (
+            (covers, SHARE, OPACITY),
+            (loose, LOOSE_SHARE, LOOSE_OPACITY),
+        ):
+            widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
+            opacities[which] = np.maximum(opacities[which], least)
+    return widths, opacities
+
+
+def molars(
+    head: Surface,
+    teeth: NDArray[np.integer],  # rows of head.used
+    mouth_mm: float,  # height of the lips
+    mean_face: Floats,  # [V, 3] mm at rest
+) -> Floats:  # [N] factor of the opacities
+    """0 for teeth so far back that no picture of the fit showed them from inside: there they would
+    be slivers, and the dark of the mouth is nearer to the truth."""
+    on_teeth = np.zeros(len(head.used), np.float32)
+    on_teeth[teeth] = 1
+    rows = np.flatnonzero(head.interpolate @ on_teeth > 0.5)
+    points = (head.interpolate @ mean_face[head.used])[rows]
+    forward = points[:, 2] - mean_face[head.used[teeth], 2].min()
+    shown = np.ones(len(head.scales), np.float32)
+    for side, of_side in (("lower", points[:, 1] < mouth_mm), ("upper", points[:, 1] >= mouth_mm)):
+        back, front = MOLARS_MM[side]
+        shown[rows[of_side]] = np.clip((forward[of_side] - back) / (front - back), 0, 1)
+    return shown
+
+
+def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:
+    """Vertices of each eyeball that show at rest, and those behind lids and head; face [V, 3]."""
+    out = []
+    for line, members in zip(posing.lid_lines, posing.eyeballs, strict=True):
+        points = face[members]
+        shows = line.between_sides(face, points) & (points[:, 2] > points[:, 2].mean())
+        out.append((members[shows], members[~shows]))
+    return out
+
+
+def turned_out(head: Surface, posing: Posing, face: Floats, visibility: Floats) -> Floats:
+    """The light [U, 2] at rest, for eyes that turn: what comes out from behind a lid is lit.
+
+    The rim stays dark: no look brings it out, and it would shine through the skin of the socket.
+    """
+    row_of = np.full(len(face), -1, np.int32)
+    row_of[head.used] = np.arange(len(head.used))
+    visibility = visibility.copy()
+    for (shows, hidden), members in zip(bared(posing, face), posing.eyeballs, strict=True):
+        rows, hidden = row_of[shows], hidden[row_of[hidden] >= 0]
+        arm = face[hidden] - sphere_centre(face[members])
+        turn = np.degrees(np.arccos(arm[:, 2] / np.linalg.norm(arm, axis=1)))
+        share = np.clip((RIM_DEG[1] - turn) / (RIM_DEG[1] - RIM_DEG[0]), 0, 1)[:, None]
+        lit, dark = np.median(visibility[rows[rows >= 0]], axis=0), visibility[row_of[hidden]]
+        visibility[row_of[hidden]] = dark + share * (lit - dark)
+    return visibility
+
+
+def farthest(points: Floats, places: Floats) -> Floats:  # [n, 3] mm, [p, 3] mm -> [n] mm
+    """How far the places reach that no other point is nearer to."""
+    from scipy.spatial import KDTree
+
+    found = KDTree(points).query(places, distance_upper_bound=HOLE_MM)
+    distance, nearest = (np.asarray(x) for x in found)
+    near = np.isfinite(distance)
+    out = np.zeros(len(points), np.float32)
+    np.maximum.at(out, nearest[near], distance[near].astype(np.float32))
+    return out
+
+
+def spacing(points: Floats) -> Floats:  # [n, 3] mm -> [n] mm
+    """Mean distance to the nearest neighbours."""
+    from scipy.spatial import KDTree
+
+    distance, _ = KDTree(points).query(points, k=NEIGHBOURS + 1)
+    return distance[:, 1:].mean(1).astype(np.float32)

@@ -1,0 +1,247 @@
+"""The decoder D(x, g; identity): expression code and gaze -> mesh and Gaussians (paper Sec. 3).
+
+code -> rig -> posed mesh (`render/decoder/posing.py`); code and bias maps -> change of light
+(`learned/light.py`); both -> Gaussians attached to the skin (`surface.py`).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from render.decoder import neck
+from render.decoder.coding import EXPRESSION_DIM, Coding
+from render.decoder.identity import Identity
+from render.decoder.identity_cache import EMPTY, IdentityCache, static_cloud
+from render.decoder.kernels import surface as kernels
+from render.decoder.learned import weights_file
+from render.decoder.learned.light import LightNet
+from render.decoder.neck import Neck, TurnedHead
+from render.decoder.posing import Posing, gaze_rotation
+from render.decoder.surface import SkinGaussians, Surface
+from render.lighting import KEY, LIGHTINGS, Lighting
+from render.types import FIELDS, Density, Floats, Gaussians, Mesh
+from sensors.rotation import REST
+from sensors.types import HeadPose, InputError
+
+__all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
+KIND = "prior"
+NUM_RIG = 53  # shapes of the rig; the tongue's come after them
+CORNEA_MM, CORNEA_RADIUS_MM = np.array([0.0, 0.0, 6.2], np.float32), 10.5  # from the eye's centre
+# Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
+HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
+HALF /= np.linalg.norm(HALF)
+HIGHLIGHT_OPACITY = 0.85
+LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
+MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4  # gap of the lips at which the inside of the mouth
+# begins to be drawn, and how much wider they are when it is drawn in full
+
+
+@dataclass(frozen=True)
+class Decoder:
+    """D: shared by all identities; holds no state but what follows from an identity."""
+
+    rig_names: list[str]  # [53]
+    coding: Coding
+    posing: Posing
+    surface: Surface
+    light: LightNet
+    light_to_vertex: csr_array  # [U, texels] map of the light decoder -> used vertices
+    shares: csr_array  # [N, M] values of the M Gaussians an identity knows -> of those drawn
+    opacities: Floats  # [N]
+    roughness: Floats  # [N] of what mirrors
+    lighting: Lighting
+    interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
+    faces: NDArray[np.int32]  # [F, 3]
+    regions: dict[str, NDArray[np.int32]]  # vertex sets by name
+    _cache: "WeakKeyDictionary[Identity, IdentityCache]"
+
+    @classmethod
+    def load(
+        cls,
+        folder: Path = weights_file.FOLDER,
+        gaussians: Density = "32k",
+        light: str = "studio",  # of LIGHTINGS
+    ) -> "Decoder":
+        """Read the prior's weights; raise InputError when they are missing or damaged."""
+        from render.decoder.prior_file import load
+
+        if light not in LIGHTINGS:
+            known = ", ".join(LIGHTINGS)
+            raise InputError(f"light: expected one of {known}, got {light!r}; try studio")
+        fields = load(folder, gaussians)
+        return cls(**fields, lighting=LIGHTINGS[light], _cache=WeakKeyDictionary())
+
+    @property
+    def to_code(self) -> Floats:
+        """[53, 256] rig activations -> code."""
+        return self.coding.to_code[:NUM_RIG]
+
+    @property
+    def to_rig(self) -> Floats:
+        """[256, 53] code -> rig activations."""
+        return self.coding.to_rig[:, :NUM_RIG]
+
+    @property
+    def basis(self) -> csr_array:
+        """[V * 3, 53] mm at full activation."""
+        return self.posing.basis[:, :NUM_RIG]
+
+    def moves(self, vertices: NDArray[np.integer]) -> Floats:  # [n] -> [256, n * 3]
+        """How far, in mm, a unit of each of the code's numbers moves these vertices, gaze apart."""
+        rows = (vertices[:, None].astype(np.int64) * 3 + np.arange(3)).ravel()
+        return self.to_rig @ np.asarray(self.basis[rows].todense(), np.float32).T
+
+    @property
+    def eyeballs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
+        """Vertex sets, left eye first."""
+        return self.posing.eyeballs
+
+    def encode(self, rig: Floats) -> Floats:  # [..., 53] or with the tongue [..., 55] -> [..., 256]
+        """The expression code of rig activations."""
+        return rig.astype(np.float32) @ self.coding.to_code[: rig.shape[-1]]
+
+    def rig(self, expression: Floats) -> Floats:  # [..., 256] -> [..., 53]
+        """Rig activations (ICT names, in the order of `rig_names`) of an expression code."""
+        return expression.astype(np.float32) @ self.to_rig
+
+    def sample(self, rng: np.random.Generator) -> Floats:  # [256]
+        """A plausible face: a draw from the prior over codes."""
+        return self.coding.code(rng.standard_normal(EXPRESSION_DIM).astype(np.float32))
+
+    def vertices(
+        self,
+        expression: Floats,  # [256]
+        gaze: Floats,  # [2, 3] unit vectors, left eye first
+        identity: Identity,
+    ) -> Floats:  # [V, 3] mm, head at rest
+        """The mesh's vertices."""
+        return self.posing.pose(
+            expression.astype(np.float32) @ self.coding.to_rig, gaze, identity.rest
+        )
+
+    def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
+        """Shares of the sky, of the key light and the rims that reach each used vertex."""
+        code = self.coding.normalised(expression.astype(np.float32))
+        cache, out = self.cached(identity), identity.visibility.copy()
+        change = self.light(code, cache.biases) - cache.light
+        kernels.read_light(*self.texels, change, identity.visibility[:2], out[:2])
+        return out
+
+    @cached_property
+    def texels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
+        """`light_to_vertex` in the light decoder's order: starts of rows, texels, weights."""
+        place = np.argsort(self.light.order(len(self.light.ups))).astype(np.int32)
+        starts, texels = self.light_to_vertex.indptr.astype(np.int32), self.light_to_vertex.indices
+        return starts, place[texels], self.light_to_vertex.data.astype(np.float32)
+
+    def decode(
+        self,
+        expression: Floats,  # [256]
+        gaze: Floats,  # [2, 3] unit vectors, left eye first
+        identity: Identity,
+        head: HeadPose = REST,
+        breath: float = 0.0,  # 0..1, lifts the chest
+        reuse: bool = False,
+    ) -> tuple[Mesh, Gaussians]:
+        """M, S <- D(x, g; Theta_id): the mesh in mm, its head at rest; Gaussians of the skin, two
+        highlights, hair and beard, in this order, of a head that turns on its neck.
+
+        With `reuse` the Gaussians' arrays are those of the last such call for this identity,
+        overwritten.
+        """
+        vertices, cache = self.vertices(expression, gaze, identity), self.cached(identity)
+        cloud = (
+            cache.cloud if reuse else static_cloud(identity, cache, self.roughness, self.lighting)
+        )
+        means, quats, scales, opacities, colors = (getattr(cloud, name) for name in FIELDS)
+
+        count, shine = len(cache.opacities), cloud.shine
+        assert shine is not None
+        rows = (means[:count], quats[:count], scales[:count], colors[:count])
+        skin = SkinGaussians(*rows, shine.weights)
+        visibility = self.visibility(expression, identity)
+        bent, turned, at_rest = None, None, vertices[cache.skin.rows]
+        if breath or head != REST:
+            bent = cache.neck.bent(head, breath)
+            turned = TurnedHead(bent, cache.static, cache.stretch)
+            neck.bend_points(vertices, cache.skin, bent)
+        albedo = cache.reflected, cache.gloss
+        place = self.surface.place
+        place(vertices, visibility, cache.rest, *albedo, skin, self.lighting, turned)
+        for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
+            line.tint_covered(vertices, skin.means, eye, skin.colors[lids].mean(0), skin.colors)
+        gap = self.posing.mouth.gaps(vertices).max()
+        opened = np.clip((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0, 1)
+        opacities[self.interior] = cache.opacities[self.interior] * opened
+
+        half = HALF @ bent.head[:, :3] if bent else HALF
+        for eye, side in enumerate((1, -1)):
+            cornea = gaze_rotation(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
+            means[count + eye] = identity.eye_centers[eye] + cornea + CORNEA_RADIUS_MM * half
+            clear = self.posing.lid_lines[eye].clearance(vertices, means[count + eye])
+            share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)
+            opacities[count + eye] = HIGHLIGHT_OPACITY * min(max(share, 0.0), 1.0)
+
+        strands = slice(len(means) - len(identity.beard), len(means))
+        identity.beard.attach(vertices, means[strands], quats[strands])
+        hair = slice(count + 2, strands.start)
+        means[hair], quats[hair] = cache.strands.means, cache.strands.quats
+        if bent:
+            vertices[cache.skin.rows] = at_rest
+            neck.bend_points(means[hair], cache.hair, bent)
+            neck.bend_quats(quats[hair], cache.hair, bent)
+            neck.turn(means, quats, bent)
+            quats[count : count + 2] = (1, 0, 0, 0)  # round: a turn shows nothing
+        return Mesh(vertices, self.faces), cloud
+
+    @cached_property
+    def eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
+        """Gaussians on each eyeball; on the lids before it."""
+        eyelids = self.regions["eyelids"]
+        left = np.isin(eyelids, self.posing.lids[0])
+        return (
+            [self._on(members) for members in self.eyeballs],
+            [self._on(members) for members in (eyelids[left], eyelids[~left])],
+        )
+
+    def _on(self, vertices: NDArray[np.int32]) -> NDArray[np.intp]:
+        """Gaussians on triangles of these vertices alone."""
+        share = self.surface.interpolate @ np.isin(self.surface.used, vertices).astype(np.float32)
+        return np.flatnonzero(share > 0.99)
+
+    def cached(self, identity: Identity) -> IdentityCache:
+        """Kept for as long as the identity lives."""
+        cache = self._cache.get(identity)
+        if cache is None:
+            neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
+            biases = self.light.nested(identity.biases)
+            used = identity.geometry[self.surface.used]
+            bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
+            rims = self.surface.interpolate @ identity.visibility[2:].T
+            gloss = (self.shares @ identity.gloss)[:, None]
+            cache = IdentityCache(
+                biases=biases,
+                light=self.light(neutral, biases),
+                rest=self.surface.at_rest(identity.geometry, self.lighting),
+                reflected=(self.shares @ identity.albedo) ** 2,
+                gloss=np.concatenate([gloss, gloss * rims], 1),
+                opacities=self.opacities * (self.shares @ identity.opacity_factors),
+                strands=identity.hair.lit(self.lighting),
+                beard=identity.beard.lit(identity.geometry, self.lighting),
+                cloud=EMPTY,
+                neck=bones,
+                skin=bones.share(identity.geometry),
+                static=bones.share(used[self.surface.static]),
+                stretch=self.surface.interpolate @ bones.stretch(used),
+                hair=bones.share(identity.hair.means),
+            )
+            cache = cache._replace(
+                cloud=static_cloud(identity, cache, self.roughness, self.lighting)
+            )
+            self._cache[identity] = cache
+        return cache

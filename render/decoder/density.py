@@ -1,0 +1,139 @@
+"""How many Gaussians lie on the head: all that were fitted, or an even part of them.
+
+A part needs no weights of its own: those that stay take over the area and the colours of their
+neighbours that go, and are widened where holes would show (`cover.py`). Twice as many do:
+put between the fitted ones they were .8 dB worse than these, since the fit is one of their places.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+from scipy.spatial import KDTree
+
+from render.decoder import mesh_parts
+from render.decoder.surface import Surface
+from render.types import Density, Floats
+
+Indices = NDArray[np.intp]
+COUNTS: dict[Density, int | None] = {"16k": 16_000, "32k": 32_000, "65k": None}  # None: all
+NEIGHBOURS, NEAREST = 12, 6  # that may crowd, that tell how dense the place is
+NORMAL_MM = 6.0  # points and normals together: the two sides of a lip are neighbours in space only
+KIND_MM = 1000.0  # apart are Gaussians of skin, eyes, mouth, teeth and lashes
+REACH = 1.5  # neighbours further than that do not crowd, in units of the spacing that is wanted
+SHARE = 0.4  # smallest standard deviation, as a share of the distance to the neighbours
+OPACITY = 0.85  # of skin, at least
+
+# A layer below the skin of the face, see `layered`.
+CELL_MM = 2.4  # one in each cell of a grid
+NEAR_MM, FLAT = 4.0, 0.75  # skin so near is flat if its normals agree: cosine
+WIDTH_MM, DEPTH_MM, DEEP_OPACITY = 1.9, 1.0, 0.98
+
+
+class Layers(NamedTuple):
+    """All Gaussians, those below among those above."""
+
+    rows: NDArray[np.intp]  # [n] of those above
+    shares: csr_array  # [n, M] see Decoder.shares
+    widths: Floats  # [n] mm
+    opacities: Floats  # [n]
+    depths: Floats  # [n] mm under the skin
+
+
+def choose(
+    surface: Surface,
+    mesh: Floats,  # [V, 3] mm, the mean face
+    kinds: NDArray[np.integer],  # [N] see mesh_parts
+    opacities: Floats,  # [N]
+    preset: Density,
+) -> tuple[Indices, csr_array, Floats, Floats]:
+    """The anchors that stay [n], neighbours together: what the loops of the decoder read is at
+    hand; a map [n, N] from values of all to theirs; their widths [n], mm, and opacities [n]."""
+    count = COUNTS[preset]
+    rows = np.argsort(surface.interpolate.indices.reshape(-1, 3).min(1), kind="stable")
+    widths, owner = surface.scales, np.argsort(rows)
+    if count is not None:
+        normals = surface.interpolate @ surface.whole.normals(mesh)[0]
+        places = surface.interpolate @ mesh[surface.used]
+        points = np.c_[places, NORMAL_MM * normals, KIND_MM * kinds]
+        # a KDTree that splits at 0 goes on from the next number, which counts as 0 (and the tree
+        # never ends) where ONNX Runtime has this thread take denormals for zero
+        points += 1 - points.min(0)
+        rows = rows[thinned(points, count)[rows]]
+        distance = np.asarray(KDTree(points[rows]).query(points[rows], k=5)[0])
+        widths = widths * np.sqrt(len(points) / count)
+        widths[rows] = np.maximum(widths[rows], SHARE * distance[:, 1:].mean(1))
+        owner = np.asarray(KDTree(points[rows]).query(points)[1])
+    share = (1 / np.bincount(owner))[owner].astype(np.float32)
+    shares = csr_array((share, (owner, np.arange(len(owner)))))
+    opacities = shares @ opacities
+    if count is not None:
+        skin = kinds[rows] == mesh_parts.SKIN
+        opacities[skin] = np.maximum(opacities[skin], OPACITY)
+    return rows, shares, widths[rows].astype(np.float32), opacities
+
+
+def thinned(points: NDArray[np.floating], count: int) -> NDArray[np.bool_]:  # [N, D] mm -> [N]
+    """Take away the most crowded ones until so many are left, never two neighbours at once."""
+    found = KDTree(points).query(points, k=NEIGHBOURS + 1)
+    distance, near = (np.asarray(x)[:, 1:] for x in found)
+    apart = distance[:, :NEAREST].mean(1)
+    reach = REACH * 0.5 * (apart[:, None] + apart[near]) * np.sqrt(len(points) / count)
+    crowding = np.clip(1 - distance / reach, 0, None) ** 4
+    stays = np.ones(len(points), bool)
+    jitter = 1e-6 * np.random.default_rng(0).random(len(points))  # no two alike
+    while (excess := int(stays.sum()) - count) > 0:
+        weight = np.where(stays, (crowding * stays[near]).sum(1) + jitter, -1)
+        worst = np.flatnonzero(stays & (weight > weight[near].max(1)))
+        stays[worst[np.argsort(-weight[worst])][:excess]] = False
+    return stays
+
+
+def thick(
+    head: Surface,
+    mesh: Floats,  # [V, 3] mm, the mean face
+    kinds: NDArray[np.integer],  # [N] see mesh_parts
+    face: NDArray[np.int32],  # vertices
+    edges: NDArray[np.int32],  # of lids and lips
+) -> NDArray[np.bool_]:  # [N]
+    """Where the skin has room below: on the face, where it is flat, off lids and lips."""
+    points, normals = mesh[head.used], head.whole.normals(mesh)[0]
+    on_face, on_edge = np.isin(head.used, face), np.isin(head.used, edges)
+    near = KDTree(points).query_ball_point(points[on_face], NEAR_MM)
+    room = np.zeros(len(points), np.float32)
+    room[on_face] = [
+        not on_edge[n].any() and (normals[n] @ normals[row]).min() > FLAT
+        for row, n in zip(np.flatnonzero(on_face), near, strict=True)
+    ]
+    return (kinds == mesh_parts.SKIN) & (head.interpolate @ room > 0.99)
+
+
+def layered(
+    head: Surface,  # those above, neighbours together
+    mesh: Floats,  # [V, 3] mm, the mean face
+    which: NDArray[np.bool_],  # [N] they get a layer below
+    shares: csr_array,  # [N, M]
+    opacities: Floats,  # [N]
+) -> Layers:
+    """An even choice of them once more, deeper and wide, in the mean colour of those above.
+
+    Gaussians narrow enough to be sharp leave gaps, and in the gaps is the dark inside of a head:
+    these close them.
+    """
+    above = np.flatnonzero(which)
+    points = (head.interpolate @ mesh[head.used])[above]
+    cells = np.floor(points / CELL_MM).astype(np.int64)
+    middle = np.unique(cells, axis=0, return_index=True)[1]
+    nearest = np.asarray(KDTree(points[middle]).query(points)[1])
+    weight = 1 / np.bincount(nearest, minlength=len(middle))[nearest]
+    mean = csr_array((weight, (nearest, above)), (len(middle), len(opacities)))
+    count = len(opacities)
+    rows = np.concatenate([np.arange(count), above[middle]])
+    deep, wide = np.zeros(len(rows), np.float32), head.scales[rows].copy()
+    deep[count:], wide[count:] = DEPTH_MM, WIDTH_MM
+    shown = np.concatenate([opacities, np.full(len(middle), DEEP_OPACITY)]).astype(np.float32)
+    both = csr_array(vstack([shares, mean @ shares]), dtype=np.float32)
+    first = head.interpolate.indices.reshape(-1, 3).min(1)[rows]
+    order = np.argsort(first, kind="stable")
+    return Layers(rows[order], both[order], wide[order], shown[order], deep[order])

@@ -1,0 +1,65 @@
+"""Reading and writing the prior's weights: safetensors beside a JSON card.
+
+The card states the kind, how the file was made, and the SHA-256 of the tensors, so that a
+truncated, altered or wrong file is an error and never a strange face.
+"""
+
+import hashlib
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors import files
+from sensors.types import InputError
+
+FOLDER = Path(__file__).parents[2] / "weights"
+
+
+def save(path: Path, tensors: dict[str, NDArray[Any]], card: dict[str, Any]) -> None:
+    """Write `path`.safetensors and `path`.json; `card` must hold "kind"."""
+    from safetensors.numpy import save as to_bytes
+
+    data = to_bytes({name: np.ascontiguousarray(value) for name, value in tensors.items()})
+    path.parent.mkdir(parents=True, exist_ok=True)
+    files.write_bytes(path.with_suffix(".safetensors"), data)
+    card = {**card, "sha256": hashlib.sha256(data).hexdigest()}
+    files.write_text(path.with_suffix(".json"), json.dumps(card, indent=2) + "\n")
+
+
+def load(path: Path, kind: str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:
+    """Read a weights file of the given kind -> tensors, card; raise InputError otherwise."""
+    from safetensors import SafetensorError
+    from safetensors.numpy import load as from_bytes
+
+    tensor_path, card_path = path.with_suffix(".safetensors"), path.with_suffix(".json")
+    for part in (tensor_path, card_path):
+        if not files.check_regular(part).exists():
+            raise InputError(f"weights: expected {part}, got no such file; run: livedrive doctor")
+    try:
+        card = files.read_json(card_path)
+        got_kind, expected_hash = card["kind"], card["sha256"]
+    except (ValueError, KeyError, TypeError) as error:
+        raise InputError(
+            f"weights: expected a card with kind and sha256 in {card_path}, got a damaged file "
+            f"({error!r}); restore it from the repository"
+        ) from None
+    if got_kind != kind:
+        raise InputError(
+            f"weights: expected kind {kind!r} in {card_path}, got {got_kind!r}; give another file"
+        )
+    data = files.read_bytes(tensor_path)
+    if hashlib.sha256(data).hexdigest() != expected_hash:
+        raise InputError(
+            f"weights: expected the contents that {card_path.name} states, got a truncated or "
+            f"altered {tensor_path}; restore it from the repository"
+        )
+    try:
+        return from_bytes(data), card
+    except SafetensorError as error:
+        raise InputError(
+            f"weights: expected safetensors, got {error} in {tensor_path}; "
+            "restore it from the repository"
+        ) from None

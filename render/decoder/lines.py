@@ -1,0 +1,118 @@
+"""Where skin touches skin: lips that meet and lids that close, for any identity and expression.
+
+Sums of blendshapes let the lips cross and leave lids ajar on faces they were not made for. Pairs of
+facing vertices along the mouth and along each lid measure the gap; a crossing is undone by moving
+both sides apart, with a soft falloff around the line. What a person needs to shut at all (`seal`
+of the lips at rest, of the lids at a full blink) is part of the identity.
+"""
+
+from dataclasses import dataclass, fields
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render.decoder.kernels import posing as posing_kernels
+from render.types import Floats, Ints
+
+LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
+PUSH_PASSES = 2
+VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge: nowhere to be seen from the side
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line along which an upper and a lower side meet, cut into columns."""
+
+    upper: Ints  # [P] vertices of the upper side that face ...
+    lower: Ints  # [P] ... these of the lower side
+    nearest: Ints  # [C, K] pairs around each column
+    columns: Floats  # [C] place along the line, mm, rising
+    members: Ints  # [M] vertices that give way
+    place: Floats  # [M] place along the line
+    share: Floats  # [M] -1..1 share of the gap a vertex takes, its sign the way it moves to open
+
+    def gaps(self, vertices: Floats) -> Floats:  # [V, 3] -> [C] mm, below zero where they cross
+        """The gap at each column: the smallest of the pairs around it."""
+        out = np.empty(len(self.columns), np.float32)
+        posing_kernels.measure_gaps(vertices, self.upper, self.lower, self.nearest, out)
+        return out
+
+    def between_sides(
+        self, vertices: Floats, points: Floats
+    ) -> NDArray[np.bool_]:  # [V, 3], [P, 3]
+        """Which points lie between the sides as seen from the front."""
+        x = vertices[self.upper, 0][self.nearest].mean(1)
+        order = np.argsort(x)
+        top = vertices[self.upper, 1][self.nearest].min(1)[order]
+        bottom = vertices[self.lower, 1][self.nearest].max(1)[order]
+        x, across, height = x[order], points[:, 0], points[:, 1]
+        below, above = height < np.interp(across, x, top), height > np.interp(across, x, bottom)
+        return (across > x[0]) & (across < x[-1]) & below & above
+
+    def clearance(self, vertices: Floats, point: Floats) -> float:  # [V, 3], [3] -> mm
+        """How far inside the opening a point is as seen from the front; below zero: covered."""
+        x, y = np.float32(point[0]), float(point[1])
+        top = posing_kernels.height_at(vertices, self.upper, x)
+        bottom = posing_kernels.height_at(vertices, self.lower, x)
+        return min(float(top) - y, y - float(bottom))
+
+    def tint_covered(
+        self,
+        vertices: Floats,  # [V, 3] mm
+        points: Floats,  # [N, 3] mm
+        rows: NDArray[np.intp],  # [n] the points behind the line
+        color: Floats,  # [3]
+        colors: Floats,  # [N, 3], changed in place
+    ) -> None:
+        """Give what the sides cover as seen from the front their colour: no cover is perfect."""
+        sides = vertices, self.upper, self.lower
+        posing_kernels.tint_covered(points, rows, *sides, *VEILED_MM, color, colors)
+
+    def open(self, vertices: Floats, by: Floats) -> None:
+        """Move the sides apart by `by` [C] mm, in place."""
+        posing_kernels.move_apart(vertices, self.members, self.share, *self.between, by)
+
+    @cached_property
+    def between(self) -> tuple[Ints, Floats]:
+        """The column before each member, and how far it is towards the next: 0..1."""
+        first = np.searchsorted(self.columns, self.place).clip(1, len(self.columns) - 1) - 1
+        gap = self.columns[first + 1] - self.columns[first]
+        share = ((self.place - self.columns[first]) / gap).clip(0, 1)
+        return first.astype(np.int32), share.astype(np.float32)
+
+    def part(self, vertices: Floats) -> None:
+        """Undo a crossing, in place."""
+        for _ in range(PUSH_PASSES):
+            gap = self.gaps(vertices)
+            if gap.min() >= 0:
+                return
+            self.open(vertices, np.maximum(-gap, np.float32(0)))
+
+    def tensors(self, prefix: str) -> dict[str, NDArray[np.generic]]:
+        """For a weights file."""
+        return {f"{prefix}_{f.name}": getattr(self, f.name) for f in fields(self)}
+
+    @classmethod
+    def of(cls, tensors: dict[str, NDArray], prefix: str) -> "Line":
+        return cls(*(tensors[f"{prefix}_{f.name}"] for f in fields(cls)))
+
+
+def lift_lids(
+    vertices: Floats,  # [V, 3] mm, changed in place
+    lids: Ints,  # [M] vertices that slide on the eyeball
+    reach: Floats,  # [M] mm from the eye's centre below which they may not come
+    center: Floats,  # [3] mm
+) -> None:
+    """Push lid vertices out of the eyeball: straight blendshapes cut through the sphere."""
+    posing_kernels.push_out(vertices, lids, reach, center)
+
+
+def eye_radius(eyeball: Floats, center: Floats) -> float:  # [n, 3], [3] -> mm
+    return float(np.median(np.linalg.norm(eyeball - center, axis=1)))
+
+
+def lid_reach(rest: Floats, lids: Ints, center: Floats, radius: float) -> Floats:  # -> [M] mm
+    """How near each lid vertex may come: the eyeball, or where it is at rest if that is nearer."""
+    distance = np.linalg.norm(rest[lids] - center, axis=1)
+    return np.minimum(distance, radius + LID_CLEARANCE_MM).astype(np.float32)

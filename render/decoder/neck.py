@@ -1,0 +1,190 @@
+"""The neck: a head that turns on a spine that bends, while the shoulders stay.
+
+Seen from the head it is the neck and the shoulders that move: their vertices and normals go first,
+by their share of the way from the head (1) to the chest (0), and the Gaussians on them follow. Then
+everything turns with the head. Between its two joints the spine bends evenly, as cervical vertebrae
+share a turn, so the neck keeps its thickness. Light falls on normals that are turned as well.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import atan2, sqrt, tanh
+from typing import NamedTuple
+
+import numpy as np
+
+from render.decoder.kernels import neck as kernels
+from render.lighting import Lighting
+from render.types import Doubles, Floats, Ints
+from sensors import rotation
+from sensors.rotation import REST, Vector
+from sensors.types import HeadPose
+
+STEPS = 32  # of a turn along the spine
+EYES_MM = (0.0, 36.5, 80.0)  # between the eyes of the mean face, where the rest is measured from
+BASE_MM, JOINT_MM = (0.0, -140.0, -35.0), (0.0, -28.0, -5.0)  # seventh vertebra, skull on spine
+# Two planes across the neck, y = height + slope * z: above the first all is head; below the second
+# and out on the shoulders nothing moves.
+HEAD_PLANE, CHEST_PLANE = (-62.0, -0.45), (-152.0, -0.36)
+SHOULDER_MM = (52.0, 45.0)  # from the middle: where they begin, over what width they fade in
+LIMITS_RAD = (0.95, 1.30, 0.75)  # pitch, yaw, roll of a human neck
+LIMIT_MM = 30.0  # of a head that is pushed on its neck
+FREE = 0.75  # share of a limit up to which nothing is drawn in
+BREATH_MM = (0.0, 1.6, 0.7)  # how far a breath lifts the chest
+RADIUS_MM = 45.0  # of a neck, for how far its skin is stretched
+
+
+class Bent(NamedTuple):
+    """A spine in one pose. Where its parts are is seen from the head."""
+
+    moves: Floats  # [STEPS + 1, 3, 4] from the chest to the head, which rests
+    turns: Floats  # [STEPS + 1, 4] wxyz, the same as rotations
+    head: Floats  # [3, 4] how the head moves
+    quat: Floats  # [4] wxyz, the same as a rotation
+    angle: float  # rad
+
+
+class Share(NamedTuple):
+    """Points that do not go with the head alone."""
+
+    rows: Ints  # [n] of all points
+    along: Floats  # [n] how far they go with it, 0..1
+
+
+class TurnedHead(NamedTuple):
+    """A head that is not at rest, for the skin."""
+
+    bent: Bent
+    static: Share  # of the vertices that rest while the face moves
+    stretch: Floats  # [N] of the skin, a rad
+
+    def bend(self, normals: Floats, widths: Floats) -> tuple[Floats, Floats]:
+        """Normals [U - L, 3] of those vertices, seen from the head; widths [N] of Gaussians."""
+        normals = normals.copy()
+        kernels.turn_normals(self.static.rows, self.static.along, self.bent.moves, normals)
+        return normals, widths * (1 + self.stretch * self.bent.angle).astype(np.float32)
+
+    def lit(self, normals: Floats, lights: Lighting, gains: Floats | None = None) -> Floats:
+        """Lighting.parts of normals [n, 3] that are seen from the head."""
+        return lights.parts(normals @ self.bent.head[:, :3].T, gains)
+
+
+@dataclass(frozen=True)
+class Neck:
+    """Of one person; holds no state."""
+
+    eyes: Vector  # mm, the point between them
+
+    def along(self, points: Floats) -> Floats:  # [n, 3] mm, at rest -> [n]
+        """How far points go with the head: 0 shoulders .. 1 head."""
+        x, y, z = (points - self.offset).T
+        top = HEAD_PLANE[0] + HEAD_PLANE[1] * z
+        bottom = CHEST_PLANE[0] + CHEST_PLANE[1] * z
+        share = np.clip((y - bottom) / (top - bottom), 0, 1)
+        out = np.clip((np.abs(x) - SHOULDER_MM[0]) / SHOULDER_MM[1], 0, 1)
+        share = np.clip(share - out * (1 - share), 0, 1)
+        return (share * share * (3 - 2 * share)).astype(np.float32)
+
+    def share(self, points: Floats) -> Share:  # [n, 3] mm, at rest
+        """Those of the points that are not quite on the head."""
+        along = self.along(points)
+        rows = np.flatnonzero(along < 1).astype(np.int32)
+        return Share(rows, along[rows])
+
+    def stretch(self, points: Floats) -> Floats:  # [n, 3] mm, at rest -> [n]
+        """How far the skin around points is stretched, a rad of the head's turn."""
+        steps = np.eye(3, dtype=np.float32)
+        slopes = [(self.along(points + s) - self.along(points - s)) / 2 for s in steps]
+        return (RADIUS_MM * np.linalg.norm(slopes, axis=0)).astype(np.float32)
+
+    def bent(self, head: HeadPose, breath: float = 0.0) -> Bent:
+        """The spine of a pose within human limits; `breath` 0..1 lifts the chest."""
+        head = limited(head)
+        w, *axis = head.quat if head.quat[0] >= 0 else tuple(-v for v in head.quat)
+        sine = sqrt(sum(v * v for v in axis))
+        half = atan2(sine, w) * self._way  # of the angle, at each step
+        turns = np.empty((STEPS + 1, 4))
+        turns[:, 0] = np.cos(half)
+        turns[:, 1:] = np.sin(half)[:, None] * (np.array(axis) / (sine or 1.0))
+        matrices = _matrices(turns)  # [STEPS + 1, 3, 3]
+        places = np.empty((STEPS + 1, 3))
+        places[0] = self.spine[0]
+        places[1:] = places[0] + np.cumsum(matrices[:-1] @ (self.spine[1] - self.spine[0]), 0)
+        share = self._way[:, None]
+        places += share * head.position + breath * (1 - share) * BREATH_MM
+        offsets = places - (matrices @ self.spine[:, :, None])[:, :, 0]
+
+        turn, offset = matrices[-1], offsets[-1]
+        moves = np.empty((STEPS + 1, 3, 4), np.float32)
+        moves[:, :, :3] = turn.T @ matrices
+        moves[:, :, 3] = (offsets - offset) @ turn
+        back = turns * (1, -1, -1, -1)  # the way from the head back is the way from the chest up
+        whole = np.concatenate([turn, offset[:, None]], 1)
+        quat, angle = turns[-1].astype(np.float32), 2 * float(half[-1])
+        return Bent(moves, back[::-1].astype(np.float32), whole.astype(np.float32), quat, angle)
+
+    def stations(self, head: HeadPose, breath: float, count: int) -> Floats:  # [count, 3, 4]
+        """How points move at even steps from the chest to the head, seen from the room; for
+        those who turn the head themselves. `count` - 1 divides STEPS."""
+        bent = self.bent(head, breath)
+        moves = bent.moves[:: STEPS // (count - 1)]
+        out = bent.head[:, :3] @ moves
+        out[:, :, 3] += bent.head[:, 3]
+        return out
+
+    @cached_property
+    def spine(self) -> Doubles:  # [STEPS + 1, 3] mm
+        """From its base to the head's joint."""
+        base, joint = np.array(BASE_MM), np.array(JOINT_MM)
+        return base + self._way[:, None] * (joint - base) + self.offset
+
+    @cached_property
+    def _way(self) -> Doubles:  # [STEPS + 1] 0..1
+        return np.linspace(0, 1, STEPS + 1)
+
+    @cached_property
+    def offset(self) -> Vector:  # mm
+        """From the eyes of the mean face to these."""
+        x, y, z = (a - b for a, b in zip(self.eyes, EYES_MM, strict=True))
+        return (x, y, z)
+
+
+def bend_points(points: Floats, share: Share, bent: Bent) -> None:
+    """Move points [N, 3] that do not go with the head, in place."""
+    kernels.bend(share.rows, share.along, bent.moves, points)
+
+
+def bend_quats(quats: Floats, share: Share, bent: Bent) -> None:  # [N, 4], in place
+    kernels.turn_quats(share.rows, share.along, bent.turns, quats)
+
+
+def turn(means: Floats, quats: Floats, bent: Bent) -> None:  # [N, 3] mm, [N, 4]
+    """Turn everything with the head, in place."""
+    kernels.turn(bent.head, bent.quat, means, quats)
+
+
+def limited(head: HeadPose) -> HeadPose:
+    """A pose that a neck can take; within FREE of every limit it stays as it is."""
+    if head == REST:
+        return head
+    angles = rotation.to_angles(head.quat)
+    inside = [_soft(a, limit) for a, limit in zip(angles, LIMITS_RAD, strict=True)]
+    x, y, z = (_soft(v, LIMIT_MM) for v in head.position)
+    if inside == list(angles):
+        return HeadPose((x, y, z), head.quat)
+    return HeadPose((x, y, z), rotation.from_angles((inside[0], inside[1], inside[2])))
+
+
+def _soft(value: float, limit: float) -> float:
+    free = FREE * limit
+    beyond = abs(value) - free
+    if beyond <= 0:
+        return value
+    drawn_in = free + (limit - free) * tanh(beyond / (limit - free))
+    return drawn_in if value > 0 else -drawn_in
+
+
+def _matrices(quats: Doubles) -> Doubles:  # [n, 4] unit -> [n, 3, 3]
+    out = np.empty((len(quats), 3, 3))
+    kernels.matrices(quats, out)
+    return out

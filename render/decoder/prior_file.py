@@ -1,0 +1,121 @@
+"""The prior on disk: one safetensors file, and the decoder's parts from it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, diags_array, eye_array
+
+from render.decoder import density, surface
+from render.decoder.coding import Coding
+from render.decoder.cover import bared, cover, molars
+from render.decoder.learned import atlas, weights_file
+from render.decoder.learned.light import LightNet
+from render.decoder.lines import Line
+from render.decoder.posing import GEOMETRY_STEPS, Posing
+from render.types import Density
+
+KIND = "prior"
+Tensors = dict[str, NDArray[Any]]
+
+
+def load(folder: Path, gaussians: Density) -> dict[str, Any]:
+    """The fields of render.decoder.decoder.Decoder."""
+    return parts(*weights_file.load(folder / "prior", KIND), gaussians)
+
+
+def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) -> dict[str, Any]:
+    """The same from what was read; without a preset in the order of the file."""
+    regions = {
+        name.removeprefix("region_"): t[name].astype(np.int32)
+        for name in t
+        if name.startswith("region_")
+    }
+    faces = t["faces"].astype(np.int32)
+    head = surface.build(
+        mesh=template(t),
+        faces=faces,
+        drawn=t["drawn"],
+        kinds=t["vertex_kinds"],
+        blood=regions["narrow_face"],
+        triangles=t["anchor_triangles"],
+        weights=t["anchor_weights"].astype(np.float32),
+        widths=t["anchor_widths"].astype(np.float32),
+    )
+    opacities = t["anchor_opacities"].astype(np.float32) / np.float32(255)
+    kinds, shares = t["anchor_kinds"], csr_array(eye_array(len(opacities)), dtype=np.float32)
+    rows = np.arange(len(opacities))
+    if gaussians:
+        rows, shares, widths, opacities = density.choose(
+            head, template(t), kinds, opacities, gaussians
+        )
+        head = replace(head.take(rows), scales=widths)
+    pose = posing(t, regions)
+    edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
+    face = regions["narrow_face"]
+    widths, opacities = cover(head, opacities, kinds[rows], edges, face, pose, template(t))
+    lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
+    opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
+    head = replace(head, scales=widths)
+    if gaussians:
+        deep = density.thick(head, template(t), kinds[rows], face, edges)
+        layers = density.layered(head, template(t), deep, shares, opacities)
+        head = replace(head.take(layers.rows), scales=layers.widths, depths=layers.depths)
+        shares, opacities, rows = layers.shares, layers.opacities, rows[layers.rows]
+    coding = Coding(
+        *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
+    )
+    return {
+        "rig_names": list(card["rig_names"]),
+        "coding": coding,
+        "posing": pose,
+        "surface": head,
+        "light": LightNet.of(t),
+        "light_to_vertex": light_to_vertex(t, head.used, pose),
+        "opacities": opacities,
+        "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
+        "shares": shares,
+        "interior": np.flatnonzero(t["anchor_inside"][rows]),
+        "faces": faces,
+        "regions": regions,
+    }
+
+
+def light_to_vertex(t: Tensors, used: NDArray[np.int32], pose: Posing) -> csr_array:  # [U, T]
+    """Texels of the light decoder's map -> used vertices.
+
+    Teeth: see `geometry/teeth.py`. Light that changes with the expression alone says nothing
+    about the parts of an eye that a look brings out.
+    """
+    to_vertices = atlas.build(t["places"].astype(np.float32)).to_vertices
+    rows, texels, weights = t["teeth_rows"], t["teeth_texels"], t["teeth_light"]
+    keep = np.ones(len(t["places"]), np.float32)
+    keep[rows] = 0
+    keep[np.isin(used, np.concatenate([hidden for _, hidden in bared(pose, template(t))]))] = 0
+    where = np.repeat(rows, len(texels)), np.tile(texels, len(rows))
+    teeth = csr_array((weights.astype(np.float32).ravel(), where), to_vertices.shape)
+    return csr_array(diags_array(keep) @ to_vertices + teeth, dtype=np.float32)
+
+
+def template(t: Tensors) -> NDArray[np.float32]:  # [V, 3] mm
+    """The mean face at rest."""
+    return t["template"].astype(np.float32) / GEOMETRY_STEPS
+
+
+def posing(t: Tensors, regions: dict[str, NDArray[np.int32]]) -> Posing:
+    rows = t["geometry_rows"]
+    basis = csr_array(
+        (t["basis_values"].astype(np.float32), t["basis_columns"].astype(np.int32), rows),
+        shape=(len(rows) - 1, len(t["to_code"])),
+    )
+    return Posing(
+        basis=basis,
+        eyeballs=(regions["eyeball_l"], regions["eyeball_r"]),
+        lids=(t["lids_l"], t["lids_r"]),
+        mouth=Line.of(t, "mouth"),
+        lid_lines=(Line.of(t, "lid_l"), Line.of(t, "lid_r")),
+        blinks=(int(t["columns"][0]), int(t["columns"][1])),
+        jaw=(int(t["columns"][2]), int(t["columns"][3])),
+    )

@@ -1,0 +1,248 @@
+"""The Gaussian half of the decoder: posed vertices -> Gaussians that ride on the skin.
+
+Each Gaussian is anchored to a triangle (UV Gaussians: a fixed place in texture space, the same for
+everyone). It lies flat on the surface, stretches with it, and its colour is the person's albedo
+under the light that the posed face receives.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+
+from render import lighting
+from render.decoder.kernels import surface as kernels
+from render.decoder.neck import TurnedHead
+from render.lighting import STUDIO, Lighting
+from render.types import Floats, Ints, Shorts
+
+SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
+FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width
+FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a doubled area
+FLUSHES = (
+    np.float32(0.6),
+    np.float32(1.35),
+)  # share of the area at rest; beyond it the colour stays
+BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
+LIGHT = slice(6, 11)  # of what a vertex carries: linear light, shares of key light and sky
+STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles around some vertices."""
+
+    corners: Shorts  # [F, 3] rows of the mesh's vertices
+    rows: Shorts  # [F, 3] which of the n vertices each corner is, or n: none
+    count: int  # n
+
+    def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
+        """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
+        triangle [F + 1], mm^2; the last is 1, for what never stretches."""
+        normals = np.empty((self.count, 3), np.float32)
+        totals = np.empty((self.count + 1, 4), np.float32)
+        areas = np.empty(len(self.corners) + 1, np.float32)
+        kernels.around_vertices(vertices, self.corners, self.rows, totals, areas)
+        kernels.normalise(totals, normals)
+        return normals, totals[:-1, 3], areas
+
+
+class SkinGaussians(NamedTuple):
+    """Gaussians on the skin, but for their opacities."""
+
+    means: Floats  # [N, 3] mm
+    quats: Floats  # [N, 4] wxyz, see normals_of
+    scales: Floats  # [N, 3] mm: flat, round in its plane
+    colors: Floats  # [N, 3] stored, 0..1, without mirrored light
+    shine: Floats  # [N, 4] weight of the mirrored light of each lamp
+
+
+@dataclass(frozen=True)
+class RestSurface:
+    """What follows from a person at rest; the neck, teeth and scalp keep it when the face moves."""
+
+    normals: Floats  # [U - L, 3] unit
+    parts: Floats  # [U - L, 12] see Lighting.parts
+    sums: Floats  # [L] twice the area around each live vertex
+    widths: Floats  # [N] mm, at rest on the mean face where they follow a triangle
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Shared by everyone; holds no state."""
+
+    used: Ints  # [U] vertices that carry Gaussians
+    whole: Triangles  # all used vertices
+    live: Ints  # [L] rows of `used` on the face and the eyes: lit anew in every frame
+    face: Triangles  # the live ones
+    interpolate: csr_array  # [N, U] vertices -> anchors
+    triangle: Ints  # [N] triangle of `whole` an anchor lies on
+    live_triangle: Ints  # [N] the triangle of `face` an anchor lies on, or -1
+    rest_areas: Floats  # [N] mm^2, twice its triangle's area on the mean face
+    scales: Floats  # [N] mm, standard deviation at rest on the mean face
+    blood: Floats  # [L] 1 where the skin changes colour as it stretches, else 0
+    depths: Floats  # [N] mm under the skin
+
+    def at_rest(self, vertices: Floats, lights: Lighting = STUDIO) -> RestSurface:  # [V, 3] mm
+        """Prepare a person; vertices are those of the face at rest."""
+        normals, _, areas = self.whole.normals(vertices)
+        widths = self.scales * stretch(areas.take(self.triangle), self.rest_areas)
+        return RestSurface(
+            normals[self.static],
+            lights.parts(normals[self.static]),
+            self.face.normals(vertices)[1],
+            np.where(self.live_triangle < 0, widths, self.scales),
+        )
+
+    def place(
+        self,
+        vertices: Floats,  # [V, 3] mm
+        visibility: Floats,  # [4, U] shares of the sky, of the key light and the rims
+        rest: RestSurface,
+        reflected: Floats,  # [N, 3] linear albedo
+        gloss: Floats,  # [N, 3] weight of mirrored light; the same times the shares of both rims
+        out: SkinGaussians,  # filled
+        lights: Lighting = STUDIO,
+        turned: TurnedHead | None = None,
+    ) -> None:
+        """The anchored Gaussians of a posed face, seen from the head; `turned`: its light, and how
+        the skin of the neck is bent and stretched."""
+        if turned:
+            normals, widths = turned.bend(rest.normals, rest.widths)
+            rest = replace(rest, normals=normals, widths=widths, parts=turned.lit(normals, lights))
+        attributes, areas = self.vertex_attributes(vertices, visibility, rest, lights, turned)
+        rows, weights, triangles, rest_areas = self.anchors
+        kernels.skin_gaussians(
+            *(attributes, rows, weights, areas, triangles, rest_areas, rest.widths),
+            *(reflected, gloss, self.depths),
+            *(lighting.FILM, *STRETCH, FLATNESS, BEHIND, *out),
+        )
+
+    def vertex_attributes(
+        self,
+        vertices: Floats,
+        visibility: Floats,
+        rest: RestSurface,
+        lights: Lighting = STUDIO,
+        turned: TurnedHead | None = None,
+    ) -> tuple[Floats, Floats]:
+        """What `kernels.skin_gaussians` interpolates from each used vertex [U, 11] (the light on a
+        white surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
+        normals, sums, areas = self.face.normals(vertices)
+        gains = self.flush(sums, rest.sums)
+        parts = turned.lit(normals, lights, gains) if turned else lights.parts(normals, gains)
+        out = np.empty((len(self.used), 11), np.float32)
+        for rows, shown, lit in (
+            (self.live, normals, parts),
+            (self.static, rest.normals, rest.parts),
+        ):
+            kernels.vertex_attributes(
+                *(vertices, self.used, rows, shown, lit, visibility),
+                *(lighting.BLEED, lighting.BOUNCE, BEHIND, out),
+            )
+        return out, areas
+
+    def take(self, rows: NDArray[np.intp]) -> "Surface":
+        """Some of the anchors, in this order."""
+        return replace(
+            self,
+            interpolate=self.interpolate[rows],
+            triangle=self.triangle[rows],
+            live_triangle=self.live_triangle[rows],
+            rest_areas=self.rest_areas[rows],
+            scales=self.scales[rows],
+            depths=self.depths[rows],
+        )
+
+    @cached_property
+    def static(self) -> Ints:  # [U - L]
+        """Rows of `used` that are not live."""
+        return np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
+
+    @cached_property
+    def anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
+        """Rows of `used` around the anchors [N, 3] and their shares [N, 3]; the triangles of
+        `face` that their widths follow [N] and these areas at rest [N]: 1 for what is still."""
+        rows = self.interpolate.indices.reshape(-1, 3).astype(np.uint16)
+        weights = self.interpolate.data.reshape(-1, 3).astype(np.float32)
+        follows = self.live_triangle >= 0
+        triangles = np.where(follows, self.live_triangle, len(self.face.corners)).astype(np.uint16)
+        return rows, weights, triangles, np.where(follows, self.rest_areas, np.float32(1))
+
+    def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [L, 3]
+        """Gain of linear light: stretched skin pales, pressed skin darkens and reddens."""
+        gains = np.empty((len(sums), 3), np.float32)
+        kernels.flush(sums, rest_sums, self.blood, FLUSH, *FLUSHES, gains)
+        return gains
+
+
+def build(
+    mesh: Floats,  # [V, 3] mm, the mean face
+    faces: Ints,  # [F, 3] every triangle of the mesh
+    drawn: Ints,  # [D] rows of `faces` that are drawn
+    kinds: Ints,  # [V] SKIN, EYE, WET or DRY
+    blood: Ints,  # vertices whose skin flushes
+    triangles: Ints,  # [N] the anchors' rows of `faces`
+    weights: Floats,  # [N, 3] barycentric coordinates
+    widths: Floats,  # [N] mm
+) -> Surface:
+    """The linear algebra of a set of anchors."""
+    corners = faces[triangles]
+    used = np.unique(corners)
+    live = np.flatnonzero((kinds[used] == EYE) | np.isin(used, blood))
+    whole, rows_whole = _around(faces, drawn, used, len(mesh))
+    face, rows_face = _around(faces, drawn, used[live], len(mesh))
+    row_of = np.full(len(mesh), -1, np.int32)
+    row_of[used] = np.arange(len(used))
+    count = len(corners)
+    interpolate = csr_array(
+        (
+            weights.ravel().astype(np.float32),
+            row_of[corners.ravel()],
+            np.arange(0, 3 * count + 1, 3, dtype=np.int32),
+        ),
+        shape=(count, len(used)),
+    )
+    a, b, c = (mesh[faces[triangles, k]].astype(np.float32) for k in range(3))
+    areas = np.linalg.norm(np.cross(b - a, c - a), axis=1).astype(np.float32)
+    return Surface(
+        used=used.astype(np.int32),
+        whole=whole,
+        live=live.astype(np.int32),
+        face=face,
+        interpolate=interpolate,
+        triangle=rows_whole[triangles],
+        live_triangle=rows_face[triangles],
+        rest_areas=areas + np.float32(1e-9),
+        scales=widths.astype(np.float32),
+        blood=(kinds[used[live]] != EYE).astype(np.float32),
+        depths=np.zeros(count, np.float32),
+    )
+
+
+def _around(faces: Ints, drawn: Ints, vertices: Ints, count: int) -> tuple[Triangles, Ints]:
+    """The drawn triangles around vertices; and which of them each triangle [F] is, else -1."""
+    chosen = drawn[np.isin(faces[drawn], vertices).any(1)]
+    near = np.ascontiguousarray(faces[chosen], np.uint16)
+    row_of = np.full(count, len(vertices), np.uint16)
+    row_of[vertices] = np.arange(len(vertices))
+    place = np.full(len(faces), -1, np.int32)
+    place[chosen] = np.arange(len(chosen))
+    return Triangles(near, row_of[near], len(vertices)), place
+
+
+def normals_of(quats: Floats) -> Floats:  # [n, 4] -> [n, 3]
+    """The normals that a splat's turn was made from.
+
+    It is the shortest turn from z to the normal (a splat is round in its plane, so it suffices):
+    linear in the normal, so what is mixed of such turns is the turn of the mixed normal.
+    """
+    return np.stack([quats[:, 2], -quats[:, 1], quats[:, 0] - BEHIND], 1)
+
+
+def stretch(areas: Floats, rest_areas: Floats) -> Floats:
+    """Factor of the widths of Gaussians on stretched triangles; `kernels.skin_gaussians` twin."""
+    return np.clip(np.sqrt(areas / rest_areas), *STRETCH)

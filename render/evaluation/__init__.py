@@ -1,0 +1,1 @@
+"""The prior judged against the reference renderer."""

@@ -1,0 +1,33 @@
+"""Do the drawn pupils point where someone looks? Seen in the picture, not in the vertices."""
+
+import numpy as np
+
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
+from render.evaluation.judge import SIZE_PX, eye_camera
+from render.types import AHEAD, Gaussians, Renderer
+
+NEAR = 0.10  # of the picture: the pupil is looked for this near its middle
+DARKEST = 15  # percent of the pixels there
+CORNEA_MM, DISTANCE_MM = 16.6, 900.0
+
+
+def error_deg(decoder: Decoder, renderer: Renderer, who: Identity) -> float:
+    """How far the pupils of someone who looks ahead are off, the worse eye."""
+    worst = 0.0
+    _, cloud = decoder.decode(np.zeros(256, np.float32), AHEAD, who)
+    for eye, rows in enumerate(decoder.eyes[0]):
+        cut = Gaussians(
+            cloud.means[rows], cloud.quats[rows], cloud.scales[rows], cloud.opacities[rows],
+            cloud.colors[rows],
+        )  # fmt: skip
+        camera = eye_camera(who.eye_centers[eye])
+        renderer.draw(cut, camera)
+        picture = renderer.read_rgba()[..., :3].astype(np.float32).mean(2)
+        y, x = np.mgrid[:SIZE_PX, :SIZE_PX] + 0.5 - SIZE_PX / 2
+        near = np.hypot(x, y) < NEAR * SIZE_PX
+        dark = near & (picture <= np.percentile(picture[near], DARKEST))
+        shift = np.hypot(x[dark].mean(), y[dark].mean())
+        mm = shift / camera.K[0, 0] * (DISTANCE_MM - CORNEA_MM)
+        worst = max(worst, float(np.degrees(mm / CORNEA_MM)))
+    return worst

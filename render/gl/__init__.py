@@ -1,0 +1,1 @@
+"""OpenGL contexts and the mesh renderer that makes truth."""

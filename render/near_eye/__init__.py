@@ -1,0 +1,1 @@
+"""The headset's eye cameras, simulated."""

@@ -1,0 +1,1 @@
+"""Splat renderers: Gaussians to pictures."""

@@ -1,0 +1,1 @@
+"""What the prior is trained on: the face data on disk, people drawn from it, expressions."""

@@ -1,0 +1,1 @@
+"""Fitting Gaussians and networks to pictures."""

@@ -1,0 +1,1 @@
+"""Where Gaussians sit on the head."""

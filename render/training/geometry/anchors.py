@@ -1,0 +1,170 @@
+"""Where Gaussians sit on the mesh: an even cover, denser where people look."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from render.decoder import mesh_parts
+from render.decoder.surface import Surface, build
+from render.training.geometry.assembly import Assembly
+from render.training.geometry.teeth import fronts
+from render.training.geometry.visibility import seen, views
+from render.training.look import clothes
+from render.types import Floats, Gaussians, Ints
+
+# Gaussians a square millimetre, relative to the front of the face.
+MATERIAL = {
+    "M_Face": 0.24,
+    "M_BackHead": 0.11,
+    "M_GumsTongue": 0.28,
+    "M_Teeth": 0.45,
+    "M_ScleraLeft": 4.5,
+    "M_ScleraRight": 4.5,
+}
+REGION = {"narrow_face": 4.6, "lips": 1.9, "eyelids": 2.2, "brows": 1.2}  # factors on top
+NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the mean face
+COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
+MOUTH_BAG = 0.12
+TOOTH_FRONT, TOOTH_REST, TOOTH_WIDTH = 6.0, 0.5, 1.2  # density and width of teeth, factors
+CANDIDATES = 8  # darts thrown a Gaussian kept
+SPACING = 0.82  # smallest distance of two neighbours, in units of 1 / sqrt(density)
+RELAXATIONS = 4
+WIDTH = 0.70  # standard deviation, in units of 1 / sqrt(density), before the fit
+# What can come to light: an open mouth, bared teeth, closed eyes, a raised tongue.
+POSES: tuple[dict[str, float], ...] = (
+    {},
+    {"jawOpen": 0.9, "mouthUpperUp_L": 0.8, "mouthUpperUp_R": 0.8},
+    {"jawOpen": 0.5, "mouthLowerDown_L": 1, "mouthLowerDown_R": 1, "tongueTipUp": 1},
+    {"mouthSmile_L": 1, "mouthSmile_R": 1, "jawOpen": 0.2, "eyeBlink_L": 1, "eyeBlink_R": 1},
+    {"eyeWide_L": 1, "eyeWide_R": 1, "mouthStretch_L": 1, "mouthStretch_R": 1, "jawOpen": 0.5},
+    {"mouthLeft": 1, "jawOpen": 0.5, "mouthFunnel": 1},
+    {"mouthRight": 1, "jawOpen": 0.5, "mouthFunnel": 1},
+)
+GAZES_DEG = ((0, 0), (28, 0), (-28, 0), (0, 18), (0, -18))  # an eyeball shows other parts
+
+
+@dataclass(frozen=True)
+class Anchors:
+    """Gaussians glued to the mesh."""
+
+    triangles: Ints  # [N] rows of FaceData.faces
+    barycentric: Floats  # [N, 3]
+    scales: Floats  # [N] mm
+
+
+def place(assembly: Assembly, count: int, seed: int) -> Anchors:
+    """About `count` anchors, less those that no pose and no view shows."""
+    face, rng = assembly.face, np.random.default_rng(seed)
+    corners = face.neutral[face.faces]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    area = 0.5 * np.linalg.norm(normals, axis=1)
+    density = np.array([MATERIAL.get(str(m), 0.0) for m in face.materials])
+    for region, factor in REGION.items():
+        density[np.isin(face.faces, face.regions[region]).all(1)] *= factor
+    low, high = np.array(NOSE_MM)
+    density[((corners.mean(1) > low) & (corners.mean(1) < high)).all(1)] *= NOSE
+    neckline = np.abs(clothes.height(corners.mean(1))) < COLLAR_MM
+    density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
+    density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
+    teeth = assembly.kinds == mesh_parts.TEETH
+    density[teeth] *= np.where(fronts(assembly), TOOTH_FRONT, TOOTH_REST)[teeth]
+    density[assembly.kinds < 0] = 0
+    for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
+        inside = np.isin(face.faces, eye).all(1)
+        density[inside & (corners[:, :, 2].mean(1) < face.neutral[eye, 2].mean() - 4)] = 0
+    density *= count / (area * density).sum()
+    triangles, barycentric = scatter(corners, normals, area, density, rng)
+    widths = WIDTH / np.sqrt(density[triangles]) * np.where(teeth[triangles], TOOTH_WIDTH, 1)
+    anchors = Anchors(triangles, barycentric, widths.astype("f4"))
+    return _keep(anchors, visible(assembly, anchors))
+
+
+def scatter(
+    corners: Floats,  # [F, 3, 3] mm
+    normals: NDArray[np.floating],  # [F, 3]
+    area: Floats,  # [F] mm^2
+    density: NDArray[np.float64],  # [F] Gaussians a mm^2
+    rng: np.random.Generator,
+) -> tuple[Ints, Floats]:  # triangles [N], barycentric [N, 3]
+    """Poisson-disk points, then Lloyd's relaxation over the darts: even cover without holes."""
+    expected = np.cumsum(area * density) * CANDIDATES
+    darts = np.searchsorted(expected, rng.uniform(0, expected[-1], int(expected[-1])))
+    u, v = rng.uniform(0, 1, (2, len(darts)))
+    fold = u + v > 1
+    u[fold], v[fold] = 1 - u[fold], 1 - v[fold]
+    barycentric = np.stack([1 - u - v, u, v], 1)
+    points = (corners[darts] * barycentric[..., None]).sum(1)
+    normal = (normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9))[darts]
+    radius = SPACING / np.sqrt(density[darts])
+    tree = KDTree(points)
+    free, kept = np.ones(len(darts), bool), []
+    for dart in range(len(darts)):
+        if free[dart]:
+            kept.append(dart)
+            near = np.array(tree.query_ball_point(points[dart], radius[dart]))
+            free[near[normal[near] @ normal[dart] > 0.3]] = False
+    # Points and normals together: the two sides of a lip are neighbours in space only.
+    both = np.concatenate([points, 6.0 * normal], 1)
+    chosen = np.array(kept)
+    for _ in range(RELAXATIONS):
+        _, owner = KDTree(both[chosen]).query(both)
+        size = np.bincount(owner, minlength=len(chosen))[:, None] + 1e-9
+        centre = np.stack([np.bincount(owner, both[:, k], len(chosen)) for k in range(6)], 1) / size
+        _, chosen = KDTree(both).query(centre)
+        chosen = np.unique(chosen)
+    return darts[chosen].astype(np.int32), barycentric[chosen].astype(np.float32)
+
+
+def _keep(anchors: Anchors, which: NDArray[np.bool_]) -> Anchors:
+    return Anchors(anchors.triangles[which], anchors.barycentric[which], anchors.scales[which])
+
+
+def uv(assembly: Assembly, anchors: Anchors) -> Floats:  # [N, 2]
+    face = assembly.face
+    corners = face.uv[face.uv_faces[anchors.triangles]]
+    return (corners * anchors.barycentric[..., None]).sum(1, dtype=np.float32)
+
+
+def plain(assembly: Assembly, anchors: Anchors) -> Floats:  # [N, 3]
+    """Colour of what has no texture; gain of what has."""
+    corners = assembly.face.faces[anchors.triangles]
+    out = (assembly.colors[corners] * anchors.barycentric[..., None]).sum(1, dtype=np.float32)
+    return out
+
+
+def visible(assembly: Assembly, anchors: Anchors) -> NDArray[np.bool_]:
+    """False for roots of teeth, the depths of the mouth and the sockets."""
+    from render.training.data import expressions
+
+    out = np.zeros(len(anchors.triangles), bool)
+    rest = assembly.posing.rest(assembly.face.neutral)
+    cameras = list(views())
+    for index, pose in enumerate(POSES):
+        rig = np.zeros(len(assembly.names), np.float32)
+        expressions.set_named(rig, assembly.names, pose)
+        gaze = expressions.gaze(*GAZES_DEG[index % len(GAZES_DEG)])
+        vertices = assembly.posing.pose(rig, gaze, rest)
+        corners = vertices[assembly.face.faces[anchors.triangles]]
+        means = (corners * anchors.barycentric[..., None]).sum(1)
+        scales = np.repeat(anchors.scales[:, None], 3, 1)
+        still = np.tile(np.array([1, 0, 0, 0], np.float32), (len(means), 1))
+        opaque = np.ones(len(means), np.float32)
+        out |= seen(Gaussians(means, still, scales, opaque, np.zeros_like(means)), cameras)
+    return out
+
+
+def surface(assembly: Assembly, anchors: Anchors) -> Surface:
+    """The anchors as the decoder's linear algebra."""
+    face = assembly.face
+    return build(
+        mesh=assembly.posing.rest(face.neutral).geometry,
+        faces=face.faces,
+        drawn=np.flatnonzero(assembly.kinds >= 0).astype(np.int32),
+        kinds=assembly.vertex_kinds,
+        blood=face.regions["narrow_face"],
+        triangles=anchors.triangles,
+        weights=anchors.barycentric,
+        widths=anchors.scales,
+    )

@@ -1,0 +1,106 @@
+"""Strands traced over textured hair cards: a smooth field of directions, clumps and volume."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from render.avatars.textures import sample
+from render.strands import away
+from render.types import Floats
+
+SEEDS, SAMPLES = 9000, 36_000  # strands; places on the cards that the field is read from
+STEP_MM, STEPS = 3.2, 34  # along a strand
+SMOOTH_MM, REACH_MM = 5.0, 5.5  # of the field; a strand ends this far off the cards
+CROWN_MM = np.array([0.0, 140.0, -25.0])  # hair flows away from it
+VOLUME_MM, FRIZZ, CLUMP = 2.2, 0.25, 26  # spread of layers; astray with its tuft of so many
+LEAST = 4  # steps of a strand that counts
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """[n] short pieces of strands."""
+
+    middles: Floats  # [n, 3] mm
+    along: Floats  # [n, 3] unit
+    bright: Floats  # [n] of the card there, 1 in the middle of all
+    progress: Floats  # [n] 0 at the root, 1 at the tip
+
+
+def trace(
+    corners: Floats,  # [T, 3, 3] mm
+    uv: Floats,  # [T, 3, 2]
+    texture: Floats,  # [H, W, 4]
+    directions: Floats,  # [T, 3] of the strands on each card
+    rng: np.random.Generator,
+) -> Pieces:
+    """Every step of every strand."""
+    points, along, alpha, light = _field(corners, uv, texture, directions, rng)
+    tree, outward = KDTree(points), away(points.astype(np.float32)).astype(np.float64)
+    good = np.flatnonzero(alpha > 0.35)
+    first = rng.choice(good, SEEDS)
+    start = points[first] + rng.normal(0, 0.6, (SEEDS, 3))
+    lift = (0.6 * rng.normal(0, VOLUME_MM, SEEDS) - 0.2 * VOLUME_MM)[:, None]
+    tufts = KDTree(points[rng.choice(good, SEEDS // CLUMP)]).query(start)[1]
+    astray = rng.normal(0, 1, (SEEDS, 3))[tufts]
+    lines = np.full((SEEDS, STEPS, 3), np.nan)
+    half = STEPS // 2
+    for sign, steps in ((1, range(half, STEPS)), (-1, range(half - 1, -1, -1))):
+        at, alive, last = start.copy(), np.ones(SEEDS, bool), None
+        for step in steps:
+            distance, near = (np.asarray(x) for x in tree.query(at, k=5))
+            weight = np.exp(-((distance / 4) ** 2)) + 1e-9
+            weight = (weight / weight.sum(1, keepdims=True))[..., None]
+            alive &= (distance[:, 0] < REACH_MM) & ((alpha[near] * weight[..., 0]).sum(1) > 0.10)
+            way = (along[near] * weight).sum(1)
+            if last is None:
+                way = way * sign
+            else:
+                turned = np.where((way * last).sum(1) < 0, -1.0, 1.0)[:, None]
+                way = 0.6 * way * turned + 0.4 * last
+            way += FRIZZ * (0.10 * astray + 0.06 * rng.normal(0, 1, at.shape))
+            way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
+            last = way
+            out, middle = (outward[near] * weight).sum(1), (points[near] * weight).sum(1)
+            if sign > 0 or step < half:
+                lines[:, step] = np.where(alive[:, None], at + lift * out, np.nan)
+            off = ((at - middle) * out).sum(1, keepdims=True)
+            at = at - 0.35 * off * out + STEP_MM * way
+    return _pieces(lines, (light / np.median(light[alpha > 0.5]))[first])
+
+
+def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]
+    """Places on the cards, and which way strands go there: smooth, away from the crown."""
+    edges = corners[:, 1:] - corners[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    chosen = rng.choice(len(area), SAMPLES, p=area / area.sum())
+    u, v = rng.random((2, SAMPLES))
+    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
+    weights = np.stack([1 - u - v, u, v], 1)[..., None]
+    points = (corners[chosen] * weights).sum(1).astype(np.float64)
+    rgba = sample(texture, (uv[chosen] * weights).sum(1).astype(np.float32))
+    along = directions[chosen].astype(np.float64)
+    flow = points - CROWN_MM
+    along *= np.where((along * flow).sum(1) < 0, -1.0, 1.0)[:, None]
+    outward = away(points.astype(np.float32))
+    distance, near = (np.asarray(x) for x in KDTree(points).query(points, k=14))
+    weight = np.exp(-((distance / SMOOTH_MM) ** 2)) * np.clip(rgba[near, 3], 0.05, 1)
+    weight *= np.clip((outward[near] * outward[:, None]).sum(2), 0, 1)
+    for _ in range(3):
+        turned = np.sign((along[near] * along[:, None]).sum(2)) * weight
+        along = (along[near] * turned[..., None]).sum(1)
+        along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
+    return points, along, rgba[:, 3], rgba[:, :3] @ np.array([0.3, 0.59, 0.11])
+
+
+def _pieces(lines: Floats, bright: Floats) -> Pieces:
+    alive = np.isfinite(lines[..., 0])
+    count, first = alive.sum(1), alive.argmax(1)
+    both = alive[:, 1:] & alive[:, :-1] & (count >= LEAST)[:, None]
+    both[:, STEPS // 2 - 1] = False  # both halves begin there
+    strand, step = np.nonzero(both)
+    a, b = lines[strand, step], lines[strand, step + 1]
+    along = (b - a) / (np.linalg.norm(b - a, axis=1, keepdims=True) + 1e-9)
+    progress = (step - first[strand] + 0.5) / np.maximum(count[strand] - 1, 1)
+    parts = (0.5 * (a + b), along, np.clip(bright[strand], 0.4, 2), np.clip(progress, 0, 1))
+    return Pieces(*(np.asarray(p, np.float32) for p in parts))

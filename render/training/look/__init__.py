@@ -1,0 +1,1 @@
+"""What people look like: maps of skin and eyes, strands of brows, lashes and hair."""

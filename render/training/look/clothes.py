@@ -1,0 +1,56 @@
+"""A shirt below the neck: the bust ends in cloth, and the cloth in a fade, never in a cut."""
+
+import numpy as np
+
+from render.decoder.surface import Surface
+from render.training.data.face_data import SKIN_VERTICES
+from render.types import Floats
+
+FRONT_MM, BACK_MM = -132.0, -112.0  # height of the neckline in front and behind
+THICK_MM = 2.2
+FADE_MM = (-192.0, -168.0)  # where the bust ends
+WEAVE = 0.05  # unevenness of the cloth
+
+
+def height(points: Floats) -> Floats:  # [n, 3] mm on the mean face -> [n] mm above the neckline
+    share = np.clip((points[:, 2] + 40) / 100, 0, 1)
+    sag = np.clip(np.abs(points[:, 0]) / 60, 0, 1) ** 2
+    line = BACK_MM + (FRONT_MM - BACK_MM) * share * (1 - sag)
+    return (points[:, 1] - line).astype(np.float32)
+
+
+def worn(
+    neutral: Floats,  # [V, 3] mm of the mean face, as below
+    geometry: Floats,  # [V, 3] mm
+    normals: Floats,  # [V, 3]
+) -> Floats:  # [V, 3]
+    """The skin under the shirt pushed out: the cloth has a thickness."""
+    skin = np.arange(SKIN_VERTICES)
+    under = height(neutral[skin]) < 0
+    out = geometry.copy()
+    out[skin[under]] += THICK_MM * normals[skin[under]]
+    return out
+
+
+def cover(neutral: Floats, head: Surface) -> Floats:  # [N] 0..1
+    """Which Gaussians lie on the shirt."""
+    on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
+    points = head.interpolate @ neutral[head.used]
+    return np.clip(0.5 - height(points) / 1.2, 0, 1) * (on_skin > 0.99)
+
+
+def dyed(
+    albedo: Floats, cloth: Floats, color: tuple[float, float, float], rng: np.random.Generator
+) -> Floats:
+    uneven = 1 + WEAVE * rng.standard_normal((len(albedo), 1))
+    shirt = np.array(color, np.float32) * uneven
+    return (albedo + cloth[:, None] * (shirt - albedo)).astype(np.float32)
+
+
+def faded(neutral: Floats, head: Surface, shown: Floats) -> Floats:
+    """Transparent towards the lower edge of the mesh."""
+    low, high = FADE_MM
+    y = head.interpolate @ neutral[head.used, 1]
+    on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
+    share = np.clip((y - low) / (high - low), 0, 1)
+    return np.where(on_skin > 0.99, shown * share, shown).astype(np.float32)

@@ -1,0 +1,70 @@
+"""Pictures of eyes: the pupil in the middle, the distance from it the angle (face_data.py)."""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import gaussian_filter, map_coordinates
+
+from render.training.data.face_data import EYE_PICTURE_DEG, FaceData
+from render.types import Floats
+
+Array = NDArray[np.floating]
+SIZE = 512
+IRIS_DEG, PUPIL = 21.6, 0.30  # half angle; share of its radius
+# Linear colour of the iris, and near the pupil.
+COLORS = {
+    "blue": ((0.17, 0.235, 0.31), (0.27, 0.25, 0.19)),
+    "brown": ((0.085, 0.040, 0.018), (0.12, 0.05, 0.02)),
+    "brownlight": ((0.20, 0.115, 0.045), (0.17, 0.075, 0.025)),
+    "green": ((0.16, 0.20, 0.095), (0.30, 0.22, 0.10)),
+    "grey": ((0.21, 0.24, 0.245), (0.27, 0.235, 0.175)),
+}
+WHITE, RED = (0.47, 0.425, 0.385), (0.12, 0.34, 0.36)  # of the eyeball; less of it at the rim
+MIDDLE = 0.28  # brightness of Reom's iris
+COLLAR = 0.235  # where its pupil ends
+
+
+def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..1
+    """One colour of eyes."""
+    at = (np.arange(SIZE) + 0.5) / SIZE - 0.5
+    x, y = np.meshgrid(at, -at)
+    away = np.hypot(x, y) / 0.499 * EYE_PICTURE_DEG  # degrees
+    radius, around = away / IRIS_DEG, np.arctan2(y, x)
+    inner = np.clip((radius - PUPIL) / (1 - PUPIL), 0, 1)
+    fibres = _fibres(face, COLLAR + (1 - COLLAR) * inner, around)
+    outside, inside = (np.array(c, np.float32) for c in COLORS[name])
+    collar = 0.75 * np.clip(1 - inner / 0.45, 0, 1)[..., None]
+    iris = (outside * (1 - collar) + inside * collar) * fibres[..., None]
+    iris = iris * (1 - 0.80 * np.clip((radius - 0.80) / 0.22, 0, 1) ** 1.3)[..., None]
+    pupil = np.clip((radius - PUPIL) / 0.035, 0, 1)[..., None]
+    iris = iris * pupil + (1 - pupil) * 0.004
+    rim = np.clip((away - 30) / 45, 0, 1)[..., None]
+    white = np.array(WHITE) * (1 - rim * np.array(RED)) * _veins(x, y, away)
+    edge = np.clip((1.035 - radius) / 0.13, 0, 1)
+    edge = (edge * edge * (3 - 2 * edge))[..., None]
+    return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
+
+
+def _fibres(face: FaceData, radius: Array, around: Array) -> Floats:  # [...] gain, about 1
+    """Of Reom's iris (CC BY), or drawn if that picture is not there."""
+    path = face.folder / "reom" / "Iris_BaseColor_Edit.jpg"
+    if path.is_file():
+        light = face.image(f"reom/{path.name}") @ np.array([0.3, 0.59, 0.11], np.float32)
+        light = gaussian_filter(light, light.shape[0] / 2048)
+        half = 0.5 * light.shape[0]
+        where = [half - 0.99 * half * radius * np.sin(around),
+                 half + 0.99 * half * radius * np.cos(around)]  # fmt: skip
+        gain = map_coordinates(light, where, order=1, mode="nearest") / MIDDLE
+    else:
+        rays = np.random.default_rng(5).standard_normal(240)
+        gain = 1 + 0.25 * np.interp(around % (2 * np.pi), np.linspace(0, 2 * np.pi, 240), rays)
+    return np.clip(gain, 0.25, 2.4).astype(np.float32) ** 1.05
+
+
+def _veins(x: Array, y: Array, away: Array) -> Floats:  # [..., 3] gain
+    """Fine red lines away from the iris."""
+    rng = np.random.default_rng(9)
+    field = gaussian_filter(rng.standard_normal((SIZE, SIZE)), 5)
+    lines = np.clip(1 - np.abs(field / field.std()) / 0.10, 0, 1)
+    share = lines * np.clip((away - 30) / 20, 0, 1) * 0.22
+    share += 0.05 * gaussian_filter(rng.standard_normal((SIZE, SIZE)), 12) * 12
+    return 1 - share[..., None] * np.array([0.15, 1.0, 1.0])

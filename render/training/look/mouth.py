@@ -1,0 +1,42 @@
+"""Colours of what has no texture: teeth, gums, tongue and the inside of the cheeks."""
+
+import numpy as np
+
+from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.types import Floats
+
+CROWN, NECK = (0.88, 0.82, 0.72), (0.76, 0.67, 0.53)  # linear: cool edge, warm at the gum
+UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
+GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.50, 0.21, 0.20), (0.34, 0.12, 0.11)
+
+
+def colors(face: FaceData) -> Floats:  # [V, 3] stored
+    out = np.ones((len(face.neutral), 3), np.float32)
+    eyes = np.concatenate([face.regions["eyeball_l"], face.regions["eyeball_r"]])
+    inside = np.ones(len(out), bool)
+    inside[:SKIN_VERTICES] = False
+    inside[eyes] = False
+    points, r = face.neutral, face.regions
+    out[inside] = CHEEKS
+    out[r["gums_tongue"]] = np.array(GUMS) * (1 + 0.18 * waves(points[r["gums_tongue"]], 0.9))
+    out[r["tongue"]] = np.array(TONGUE) * (1 + 0.20 * waves(points[r["tongue"]], 2.3))
+    upper, lower = r["teeth_upper"], r["teeth_lower"]
+    tip = np.percentile(points[upper, 1], 2), np.percentile(points[lower, 1], 98)
+    for rows, height in (
+        (upper, (points[upper, 1] - tip[0]) / UPPER_MM),
+        (lower, (tip[1] - points[lower, 1]) / LOWER_MM),
+    ):
+        share = np.clip(height, 0, 1)[:, None]
+        tooth = np.array(CROWN) * (1 - share) + np.array(NECK) * share
+        tooth *= 1 - 0.16 * np.clip(1 - 5 * share, 0, 1) * np.array([1.2, 1.0, 0.7])
+        back = np.clip((100 - points[rows, 2]) / 30, 0, 1)[:, None]
+        out[rows] = tooth * (1 - 0.25 * back * np.array([0.7, 0.9, 1.2]))
+    out[inside] = np.sqrt(out[inside])
+    return out
+
+
+def waves(points: Floats, frequency: float) -> Floats:  # [n, 3] mm -> [n, 1] -1..1
+    """Cheap unevenness."""
+    x, y, z = points.T * frequency
+    a = np.sin(1.7 * x + 1.1 * np.sin(2.1 * y + 1.3))
+    return (a * np.sin(1.9 * y + 2 + np.sin(1.6 * z)) * np.sin(2.3 * z + 0.7))[:, None]

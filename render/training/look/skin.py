@@ -1,0 +1,113 @@
+"""Albedo of skin: MakeHuman's tones without their painted brows and shadows, pores and mottling of
+Reom's skins (CC BY), blood and melanin on top.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import distance_transform_edt, map_coordinates
+
+from render.training.data.face_data import FaceData
+from render.training.data.people import Skin
+from render.training.look.places import SIZE, Places, soft
+from render.training.look.relief import Relief, noise
+from render.types import Floats
+
+LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
+DARK = 0.16  # linear luminance below which a skin takes the dark detail
+# The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
+REOM_POINTS = np.array([
+    (140, 166), (191, 166), (260, 166), (311, 166), (208, 229), (241, 229), (178, 286),
+    (273, 286), (225, 262), (225, 312), (225, 360), (60, 205), (390, 205), (225, 75),
+]) / 448  # fmt: skip
+FACE_POINTS = np.array([
+    (232, 220), (308, 221), (468, 220), (548, 220), (355, 345), (427, 345), (303, 440),
+    (482, 440), (391, 385), (391, 512), (391, 590), (40, 300), (745, 300), (391, 60),
+]) / 784  # fmt: skip
+
+
+def linear(stored: Floats) -> Floats:
+    """sRGB -> linear."""
+    low, high = stored / 12.92, ((stored + 0.055) / 1.055) ** 2.4
+    return np.where(stored <= 0.04045, low, high).astype(np.float32)
+
+
+def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SIZE, 3] linear
+    """A stored skin without brows, painted shadows and blotches."""
+    atlas = linear(face.image(f"albedo/{name}")[..., :3])
+    tone = atlas[:, :SIZE].copy()
+    known = places.points.any(2)
+    lid = soft((places.lids > 0.3).astype(np.float32), 8)
+    brow = soft((places.brows > 0.25).astype(np.float32), 3) > 0.05
+    hole = brow | (lid > 0.06) | ~known
+    _, (row, column) = distance_transform_edt(hole, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
+    around = soft(soft(tone, 2)[row, column], 8)
+    share = soft(brow * (1 - np.clip(1.5 * places.lids, 0, 1)), 3.5)[..., None]
+    tone += share * (around - tone)
+    inner = 1.3 * places.lips + 1.2 * places.lids + places.roll
+    skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
+    weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
+    wide, near = (soft(tone * weight[..., None], s) / soft(weight, s)[..., None] for s in (35, 9))
+    sockets = np.clip(3 * soft((places.lids > 0.3).astype(np.float32), 7), 0, 1)
+    flat = (0.7 * skin * (1 - sockets) + 0.6 * sockets) * soft(places.face, 7)
+    tone *= 1 + (np.clip(wide / np.clip(near, 0.01, None), 0.75, 1.5) - 1) * flat[..., None]
+    light = tone @ LUMINANCE
+    blotch = soft(light, 0.6) / np.clip(soft(light, 3.5), 0.01, None)
+    tone /= np.clip(blotch, 0.6, 1.6)[..., None] ** 0.35
+    return np.concatenate([tone, atlas[:, SIZE:]], 1)
+
+
+def reom(face: FaceData, name: str) -> Floats | None:  # [SIZE, SIZE, 3] linear
+    """Reom's skin laid on the face; none if the picture is not there."""
+    path = face.folder / "reom" / f"{name}Skin_Face_BaseColor.jpg"
+    if not path.is_file():
+        return None
+    picture = linear(face.image(f"reom/{path.name}"))
+    fit = np.linalg.lstsq(_bends(FACE_POINTS), REOM_POINTS, rcond=None)[0]
+    centres = (np.arange(SIZE) + 0.5) / SIZE
+    x, y = np.meshgrid(centres, centres)
+    at = _bends(np.stack([x.ravel(), y.ravel()], 1)) @ fit
+    where = [at[:, 1] * picture.shape[0] - 0.5, at[:, 0] * picture.shape[1] - 0.5]
+    step = max(picture.shape[0] // (4 * SIZE), 1)
+    fine = soft(picture, 0.5 * step) if step > 1 else picture
+    bands = [map_coordinates(fine[..., c], where, order=1, mode="reflect") for c in range(3)]
+    return np.stack(bands, 1).reshape(SIZE, SIZE, 3).astype(np.float32)
+
+
+def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n, 2] -> [n, 6]
+    x, y = points.T
+    return np.stack([np.ones_like(x), x, y, x * y, x * x, y * y], 1)
+
+
+def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
+    """Pores and mottling of a laid skin, without its tone."""
+    off = 1.3 * places.lips + 1.2 * places.lids + places.roll
+    on = np.clip(1 - 1.2 * soft(np.clip(off, 0, 1), 2.5), 0, 1)
+    on = (on * soft((places.up > -70).astype(np.float32), 10))[..., None]
+    fine = skin / np.clip(soft(skin, 4.5), 0.01, None)
+    band = soft(skin, 2.5) / np.clip(soft(skin, 18), 0.01, None)
+    gain = 1 + 1.3 * on * (np.clip(fine, 0.75, 1.25) - 1)
+    return (gain * (1 + 0.55 * on * (np.clip(band, 0.85, 1.15) - 1))).astype(np.float32)
+
+
+def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Relief) -> Floats:
+    """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
+    out = tone * grain
+    lips = soft(places.lips, 1.5)
+    off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
+    bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
+    ears = np.clip((places.across - 74) / 8, 0, 1)
+    red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.18 * ears
+    red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
+    out = out * np.clip(1 + red[..., None] * np.array([0.10, -0.55, -0.45], np.float32), 0.5, 1.3)
+    melanin = 0.030 * relief.patches + 0.015 * relief.grain
+    if skin.freckles > 0:
+        spots = np.clip(noise(places.points, 3.4, 31, 2) - 0.9, 0, 1.2) * bare
+        spots *= np.clip(places.cheeks + places.nose + 0.3 * places.forehead, 0, 1)
+        melanin = melanin + 0.55 * skin.freckles * soft(spots, 0.8)
+    brown = np.array([0.5, 0.9, 1.1], np.float32)
+    out = out * np.clip(1 - melanin[..., None] * brown, 0.4, 1.4)
+    out = out * (1 - 0.13 * relief.pores[..., None] * np.array([0.6, 1.0, 1.1], np.float32))
+    rouge = np.array([0.0, -0.30, -0.24], np.float32) * np.float32(skin.lips)
+    streaks = 1 + 0.05 * lips * relief.grain
+    out = out * (1 + lips[..., None] * rouge) * streaks[..., None]
+    return np.clip(out, 0.004, 0.95).astype(np.float32)

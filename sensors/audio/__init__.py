@@ -1,0 +1,1 @@
+"""The microphone, and unbroken sound at 48 kHz."""

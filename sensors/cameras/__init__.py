@@ -1,0 +1,1 @@
+"""Eye cameras of every kind."""

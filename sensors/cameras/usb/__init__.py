@@ -1,0 +1,1 @@
+"""USB cameras without a system driver."""

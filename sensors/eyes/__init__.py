@@ -1,1 +1,0 @@
-"""Eye cameras: one protocol for USB, V4L2, HTTP, serial and recorded pictures."""

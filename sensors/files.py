@@ -1,0 +1,156 @@
+"""Files beside which somebody else's may lie: a session, an avatar or weights from the network.
+
+A folder that was sent may hold links. Reading or writing through one would reach any file of the
+user, so links and whatever is no regular file are refused, and nothing is written under a name
+that can be foreseen. Everything that this program writes or repairs goes through here.
+"""
+
+import errno
+import json
+import os
+import secrets
+import stat
+import zipfile
+import zlib
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors.types import InputError
+
+NO_LINK = getattr(os, "O_NOFOLLOW", 0)
+READING = os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+UPDATING = os.O_RDWR | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
+CREATING = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | getattr(os, "O_BINARY", 0)
+MAX_JSON = 16 << 20  # bytes; an hour of timeline is 20 MB, but is read line by line
+NOT_WHOLE = (zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError)
+MAX_ARRAYS = 1 << 29  # bytes that an npz file may unpack to
+PRIVATE, SHARED = 0o600, 0o666  # before the user's umask
+
+
+def check_regular(path: Path) -> Path:
+    """`path`, where it is a regular file or nothing; InputError at a link, folder, pipe, device."""
+    try:
+        mode = path.lstat().st_mode
+    except FileNotFoundError:
+        return path
+    if not stat.S_ISREG(mode):
+        raise _refused(path, mode)
+    return path
+
+
+def open_regular(path: Path, *, update: bool = False) -> Any:
+    """A regular file opened for reading, or to be changed in place; bytes.
+
+    Raises InputError for anything else, and for a change of a file that has a second name.
+    """
+    check_regular(path)
+    try:
+        descriptor = os.open(path, UPDATING if update else READING)
+    except OSError as error:
+        if error.errno == errno.ELOOP:
+            raise _refused(path, stat.S_IFLNK) from None
+        raise
+    file = os.fdopen(descriptor, "r+b" if update else "rb")
+    found = os.fstat(descriptor)
+    if not stat.S_ISREG(found.st_mode):
+        file.close()
+        raise _refused(path, found.st_mode)
+    if update and found.st_nlink > 1:
+        file.close()
+        raise InputError(
+            f"{path}: expected a file with one name, got a hard link; copy the folder and use that"
+        )
+    return file
+
+
+def read_bytes(path: Path) -> bytes:
+    with open_regular(path) as file:
+        return file.read()
+
+
+def read_text(path: Path) -> str:
+    """UTF-8."""
+    return read_bytes(path).decode("utf-8")
+
+
+def parse_json(data: bytes) -> Any:
+    """The value; ValueError where it is no JSON, or nested or long as only an attack is."""
+    if len(data) > MAX_JSON:
+        raise ValueError(f"{len(data)} bytes, more than {MAX_JSON}")
+    try:
+        return json.loads(data)
+    except RecursionError:
+        raise ValueError("values nested too deeply") from None
+
+
+def read_json(path: Path) -> Any:
+    """The value of a JSON file; ValueError as of `parse_json`."""
+    return parse_json(read_bytes(path))
+
+
+def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]:
+    """All arrays of an npz file; ValueError where it is none, or would unpack to more than that."""
+    with open_regular(path) as file:
+        try:
+            with zipfile.ZipFile(file) as archive:
+                size = sum(entry.file_size for entry in archive.infolist())
+            if size > max_bytes:
+                raise ValueError(f"arrays of {size} bytes, more than {max_bytes}")
+            file.seek(0)
+            with np.load(file, allow_pickle=False) as arrays:
+                return {name: arrays[name] for name in arrays.files}
+        except (*NOT_WHOLE, MemoryError) as error:  # numpy takes what a header claims
+            raise ValueError(f"no whole npz file ({error})") from None
+
+
+def create(path: Path, *, private: bool = False) -> Path:
+    """A new empty file in the place of an older one, to be filled as long as it takes.
+
+    `private`: for its owner alone (0600), as voices, eyes and faces are biometric.
+    """
+    check_regular(path)
+    path.unlink(missing_ok=True)
+    os.close(os.open(path, CREATING, PRIVATE if private else SHARED))
+    return path
+
+
+@contextmanager
+def replacing(path: Path, *, private: bool = False) -> Generator[Path]:
+    """An empty file to fill, which then takes the place of `path` in one step, or vanishes.
+
+    It lies beside `path` under a random name with the same suffix.
+    """
+    check_regular(path)
+    draft = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(8)}{path.suffix}")
+    create(draft, private=private)
+    try:
+        yield draft
+        with open_regular(draft, update=True) as file:
+            os.fsync(file.fileno())
+        os.replace(draft, path)
+    finally:
+        draft.unlink(missing_ok=True)
+
+
+def write_bytes(path: Path, data: bytes, *, private: bool = False) -> None:
+    """The whole file or, after a kill or on a full disk, the one that was there."""
+    with replacing(path, private=private) as draft:
+        draft.write_bytes(data)
+
+
+def write_text(path: Path, text: str, *, private: bool = False) -> None:
+    """UTF-8, lines end in a line feed on every system."""
+    write_bytes(path, text.encode("utf-8"), private=private)
+
+
+def _refused(path: Path, mode: int) -> InputError:
+    kinds = {stat.S_IFLNK: "a link", stat.S_IFDIR: "a folder", stat.S_IFIFO: "a pipe"}
+    kind = kinds.get(stat.S_IFMT(mode), "a device or socket")
+    return InputError(
+        f"{path}: expected a regular file, got {kind}; copy the file itself there, or give another"
+    )

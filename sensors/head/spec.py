@@ -1,0 +1,106 @@
+"""Where the head's pose comes from, in one line: the SPECs of `--head`. A new one is a row here."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from sensors.head import livelink, vmc
+from sensors.head.gate import Gate
+from sensors.head.links import Decode, PlayedLink, UdpLink
+from sensors.head.source import HeadSource, Link
+from sensors.types import Clock, HeadPacket, InputError
+
+Tell = Callable[[str], None]
+LOOPBACK = "127.0.0.1"
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One scheme. `open` gets the SPEC; it raises InputError at one that cannot be used, and what
+    it returns makes a new link."""
+
+    open: Callable[[str, Clock, Tell], Callable[[], Link]]
+    example: str
+    help: str
+
+
+def head_source(spec: str, clock: Clock, tell: Tell) -> HeadSource:
+    """Build, and do not open, the tracker of a SPEC. `tell` gets one line where poses are bad."""
+    scheme, colon, rest = spec.partition(":")
+    if scheme not in SCHEMES or not colon or not rest:
+        raise InputError(f"--head: expected still, synth, auto or one of {EXAMPLES}; got {spec!r}")
+    return HeadSource(spec, SCHEMES[scheme].open(spec, clock, tell), clock)
+
+
+def _udp(decoder: Callable[[], Decode], port: int, max_datagram: int):  # noqa: ANN202
+    def open_port(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+        host, number = _address(spec, port)
+
+        def connect() -> Link:
+            return UdpLink(host, number, decoder(), max_datagram, Gate(spec, tell), clock)
+
+        return connect
+
+    return open_port
+
+
+def _address(spec: str, port: int) -> tuple[str, int]:
+    """Host and port to listen at; this machine alone unless the SPEC names another address."""
+    parts = urlsplit(spec)
+    try:
+        number = port if parts.port is None else parts.port
+    except ValueError:
+        number = -1
+    if not spec.startswith(f"{parts.scheme}://") or number < 0 or parts.path.strip("/"):
+        raise InputError(
+            f"--head: expected {parts.scheme}://:PORT or {parts.scheme}://HOST:PORT with a port "
+            f"of 0 to 65535, got {spec!r}; try {parts.scheme}://:{port}"
+        )
+    return parts.hostname or LOOPBACK, number
+
+
+def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+    from sensors.session.recording import Recording
+
+    with Recording(Path(spec.partition(":")[2])) as recording:
+        poses = [
+            packet for e in recording.heads if isinstance(packet := recording.packet(e), HeadPacket)
+        ]
+    return _played(spec, poses, clock)
+
+
+def _file(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+    path = Path(spec.partition(":")[2])
+    if not path.is_file():
+        raise InputError(f"--head: expected a Live Link Face CSV, got no file {path}; check it")
+    return _played(spec, list(livelink.read_csv(path)), clock)
+
+
+def _played(spec: str, poses: list[HeadPacket], clock: Clock) -> Callable[[], Link]:
+    if not poses:
+        raise InputError(f"--head: expected poses of a head, got none in {spec}; choose another")
+    return lambda: PlayedLink(poses, clock)
+
+
+SCHEMES = {
+    "vmc": Entry(
+        _udp(vmc.VmcDecoder, 39539, vmc.MAX_DATAGRAM),
+        "vmc://:39539",
+        "head and neck bones, or the headset, of a VMC program",
+    ),
+    "livelink": Entry(
+        _udp(lambda: livelink.decode, livelink.PORT, livelink.MAX_DATAGRAM),
+        "livelink://:11111",
+        "the Live Link Face app of an iPhone",
+    ),
+    "vrchat": Entry(
+        _udp(vmc.TrackerDecoder, 9000, vmc.MAX_DATAGRAM),
+        "vrchat://:9000",
+        "OSC trackers as VRChat takes them",
+    ),
+    "session": Entry(_session, "session:DIR", "a recorded session, over and over"),
+    "file": Entry(_file, "file:take.csv", "a CSV of Live Link Face, over and over"),
+}
+EXAMPLES = ", ".join(entry.example for entry in SCHEMES.values())
+HELP = "; ".join(f"{entry.example} ({entry.help})" for entry in SCHEMES.values())

@@ -1,0 +1,1 @@
+"""Live sensors as one source, and their recorder."""

@@ -1,0 +1,85 @@
+"""LiveRecorder: a session written beside a live run that must not wait for a disk.
+
+Flow: drive | record -> LiveRecorder.append -> queue -> thread -> RecordingWriter. A full or broken
+disk stops the recording with one clear line; driving goes on.
+"""
+
+import queue
+import threading
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sensors.session.recording import RecordingWriter
+from sensors.types import InputError, Packet
+
+MAX_WAITING = 1024  # packets; about 6 s of sound and both eyes
+JOIN_S = 30.0
+
+
+class LiveRecorder:
+    """Appends packets in the background until it is closed or fails."""
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        created: str,
+        devices: Mapping[str, str],
+        tell: Callable[[str], None],  # gets the one line
+        calibration: Mapping[str, Any] | None = None,
+    ) -> None:
+        """Raises InputError where the folder holds something already."""
+        self.problem = ""  # why nothing is recorded any more
+        self._folder, self._tell = folder, tell
+        self._queue: queue.Queue[Packet | None] = queue.Queue(MAX_WAITING)
+        self._thread: threading.Thread | None = None
+        try:
+            self._writer = RecordingWriter(
+                folder, created=created, devices=devices, calibration=calibration
+            )
+        except InputError:
+            raise
+        except OSError as error:
+            self._stop(f"{error.strerror or error}")
+            return
+        self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
+        self._thread.start()
+
+    def append(self, packet: Packet) -> None:
+        """Hand over a packet; never waits."""
+        if self.problem:
+            return
+        try:
+            self._queue.put_nowait(packet)
+        except queue.Full:
+            self._stop("the disk is too slow")
+
+    def close(self) -> None:
+        """Write what is waiting and finish the session."""
+        if self._thread is not None:
+            self._queue.put(None)
+            self._thread.join(JOIN_S)
+            self._thread = None
+
+    def _run(self) -> None:
+        from av import error as av_error
+
+        failures = (OSError, av_error.FFmpegError, InputError)
+        try:
+            while (packet := self._queue.get()) is not None:
+                if not self.problem:
+                    self._writer.append(packet)
+            self._writer.close()
+        except failures as error:
+            self._stop(getattr(error, "strerror", None) or str(error))
+            while self._queue.get() is not None:
+                pass
+
+    def _stop(self, reason: str) -> None:
+        if not self.problem:
+            self.problem = reason
+            self._tell(
+                f"{self._folder}: expected to go on recording, got: {reason}; driving goes on, "
+                "what was recorded is kept"
+            )

@@ -1,0 +1,1 @@
+"""Session folders: format, recording, replay, repair."""

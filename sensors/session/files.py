@@ -1,0 +1,247 @@
+"""Sessions as a user meets them: `livedrive session create | info | export`.
+
+Flow: sound and eye videos -> create -> folder -> Recording; Recording -> export -> one MKV.
+"""
+
+import heapq
+from collections.abc import Callable, Iterator, Sequence
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sensors import files
+from sensors.assemble import Assembler
+from sensors.clock import ManualClock
+from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
+from sensors.session.media import eye_pictures, sound_blocks
+from sensors.session.recording import Recording, RecordingWriter
+from sensors.session.replay import ReplaySource
+from sensors.session.streams import EyeStream
+from sensors.types import (
+    EYE_NAMES,
+    EYE_SIZE,
+    FPS,
+    NS,
+    SAMPLE_RATE,
+    SAMPLES_PER_FRAME,
+    AudioPacket,
+    EyePacket,
+    InputError,
+    SensorFrame,
+)
+
+EARLY_END_NS = NS // 2  # an eye video may end this much before the sound without a word
+
+
+def _quiet(seconds: float) -> None:
+    pass
+
+
+def create(
+    folder: str | Path,
+    audio: str | Path,
+    eyes: Sequence[str | Path] = (),  # left and right; one with both side by side; or none
+    *,
+    created: str = "",
+    eye_codec: str = "ffv1",
+    audio_format: str = "float32",
+    progress: Callable[[float], object] = _quiet,
+) -> dict[str, Any]:
+    """Make a session of files; return its `info` with `warnings`. Leaves nothing on bad input.
+
+    `progress` is told of every part that is done, in seconds.
+    """
+    if len(eyes) > 2:
+        raise InputError(
+            f"eyes: expected two videos (left, right), one with both side by side, or none, got "
+            f"{len(eyes)}"
+        )
+    folder, warnings = Path(folder), list[str]()
+    devices = {"audio": Path(audio).name}
+    shown = list(eyes) * 2 if len(eyes) == 1 else eyes
+    devices |= {f"eye_{EYE_NAMES[k]}": Path(eye).name for k, eye in enumerate(shown)}
+    made = not folder.exists()
+    writer = RecordingWriter(
+        folder, created=created, devices=devices, eye_codec=eye_codec, audio_format=audio_format
+    )
+    try:
+        with writer:
+            _write_all(writer, Path(audio), [Path(eye) for eye in eyes], warnings, progress)
+    except BaseException:
+        for name in (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE):
+            (folder / name).unlink(missing_ok=True)
+        if made and not any(folder.iterdir()):
+            folder.rmdir()
+        raise
+    return info(folder) | {"warnings": warnings}
+
+
+def info(folder: str | Path) -> dict[str, Any]:
+    """What a session holds, as plain values. Repairs it first if its recording was killed."""
+    with Recording(folder) as recording:
+        samples, missing, gaps = 0, 0, 0
+        expected: int | None = None
+        for entry in recording.audio.entries:
+            jump = 0 if expected is None else entry.first_sample - expected
+            missing += max(jump, 0)
+            gaps += bool(jump > 0 or entry.gap)
+            samples += entry.num_samples
+            expected = entry.first_sample + entry.num_samples
+        held = [f for f in recording.folder.iterdir() if f.is_file()]
+        return {
+            "folder": str(recording.folder),
+            "version": recording.card["version"],
+            "created": recording.card.get("created", ""),
+            "devices": dict(recording.info.devices),
+            "seconds": round(recording.duration_ns / NS, 6),
+            "frames": (samples + missing) // SAMPLES_PER_FRAME,
+            "partial_samples": (samples + missing) % SAMPLES_PER_FRAME,
+            "audio_samples": samples,
+            "audio_gaps": gaps,
+            "audio_lost_samples": missing,
+            "eyes": {EYE_NAMES[eye]: _eye_info(s) for eye, s in recording.eyes.items()},
+            "repaired": bool(recording.card.get("repaired", False)),
+            "packets_lost_in_repair": int(recording.card.get("packets_lost_in_repair", 0)),
+            "bytes": sum(f.stat().st_size for f in held),
+        }
+
+
+def export(
+    folder: str | Path,
+    out: str | Path,
+    *,
+    drop: Literal["audio", "eyes"] | None = None,
+    progress: Callable[[float], object] = _quiet,
+) -> dict[str, Any]:
+    """Write an MKV for any player: both eyes side by side (left first) with the sound.
+
+    It shows the assembled 30 FPS frames, so what is seen is what the driver gets. `drop` leaves the
+    voice or the eyes out, before the file is given to others.
+    """
+    import av
+
+    out = Path(out)
+    if out.suffix.lower() != ".mkv":
+        raise InputError(f"{out}: expected a name that ends in .mkv, got {out.suffix or 'none'!r}")
+    if not out.parent.is_dir():
+        raise InputError(f"{out}: expected an existing folder, got {out.parent}; create it first")
+    with Recording(folder) as recording:
+        shown = bool(recording.eyes) and drop != "eyes"
+        if not shown and drop == "audio":
+            raise InputError(f"{folder}: expected something to export, got a session without eyes")
+        container: Any = av.open(str(files.create(out, private=True)), "w", format="matroska")
+        picture: Any = None
+        sound: Any = None
+        if shown:
+            picture = container.add_stream("libx264", rate=FPS, options={"crf": "18"})
+            picture.width, picture.height, picture.pix_fmt = 2 * EYE_SIZE, EYE_SIZE, "yuv420p"
+        if drop != "audio":
+            sound = container.add_stream("pcm_s16le", rate=SAMPLE_RATE)
+            sound.layout = "mono"
+        count = 0
+        for frame in replay_frames(recording):
+            _export_frame(container, picture, sound, frame)
+            count += 1
+            progress(1 / FPS)
+        for stream in filter(None, (picture, sound)):
+            container.mux(stream.encode(None))
+        container.close()
+    return {"file": str(out), "frames": count, "seconds": count / FPS, "bytes": out.stat().st_size}
+
+
+def replay_frames(
+    recording: Recording, assembler: Assembler | None = None
+) -> Iterator[SensorFrame]:
+    """All frames of a recording, as fast as they are taken."""
+    source, assembler = ReplaySource(recording, ManualClock()), assembler or Assembler()
+    source.open()
+    while not source.exhausted:
+        for packet in source.poll():
+            assembler.push(packet)
+        yield from assembler.ready()
+    source.close()
+
+
+def _write_all(
+    writer: RecordingWriter,
+    audio: Path,
+    eyes: list[Path],
+    warnings: list[str],
+    progress: Callable[[float], object],
+) -> None:
+    """Append all packets in the order in which they would have arrived."""
+    halves = EYE_NAMES if len(eyes) == 1 else (None, None)
+    eyes = eyes * 2 if len(eyes) == 1 else eyes
+    streams = [_eye_packets(eye, path, halves[eye]) for eye, path in enumerate(eyes)]
+    pictures = heapq.merge(*streams, key=lambda packet: (packet.t_ns, packet.eye))
+    picture = next(pictures, None)
+    last_ns, end_ns = [0, 0], 0
+    for packet in _audio_packets(audio, warnings):
+        end_ns = (packet.first_sample + len(packet.samples)) * NS // SAMPLE_RATE
+        while picture is not None and picture.t_ns <= end_ns:
+            writer.append(picture)
+            last_ns[picture.eye] = picture.t_ns
+            picture = next(pictures, None)
+        progress(len(packet.samples) / SAMPLE_RATE)
+        writer.append(packet)  # pictures after the last sound belong to no frame: left out
+    for eye, path in enumerate(eyes):
+        if last_ns[eye] < end_ns - EARLY_END_NS:
+            warnings.append(
+                f"{path}: ends at {last_ns[eye] / NS:.2f} s, the sound at {end_ns / NS:.2f} s; "
+                "the last picture is held for a moment, then the eye counts as lost"
+            )
+
+
+def _audio_packets(path: Path, warnings: list[str]) -> Iterator[AudioPacket]:
+    """One packet for each 1600 samples; the last one may be shorter."""
+    first, rest = 0, np.zeros(0, np.float32)
+    for block in sound_blocks(path, warnings):
+        rest = np.concatenate([rest, block])
+        while len(rest) >= SAMPLES_PER_FRAME:
+            yield _audio_packet(first, rest[:SAMPLES_PER_FRAME])
+            first, rest = first + SAMPLES_PER_FRAME, rest[SAMPLES_PER_FRAME:]
+    if len(rest):
+        yield _audio_packet(first, rest)
+
+
+def _audio_packet(first: int, samples: NDArray[np.float32]) -> AudioPacket:
+    return AudioPacket(first * NS // SAMPLE_RATE, first, samples)
+
+
+def _eye_packets(eye: int, path: Path, half: Any) -> Iterator[EyePacket]:
+    for counter, (t_ns, image) in enumerate(eye_pictures(path, half)):
+        yield EyePacket(t_ns, eye, counter, image)
+
+
+def _eye_info(stream: EyeStream) -> dict[str, Any]:
+    times = stream.t_ns
+    span_ns = int(times[-1] - times[0])
+    return {
+        "pictures": len(times),
+        "rate_hz": round((len(times) - 1) * NS / span_ns, 3) if span_ns > 0 else 0.0,
+        "first_s": round(int(times[0]) / NS, 6),
+        "last_s": round(int(times[-1]) / NS, 6),
+        "codec": stream.codec,
+    }
+
+
+def _export_frame(container: Any, picture: Any, sound: Any, frame: SensorFrame) -> None:
+    import av
+
+    if picture is not None:
+        both = np.zeros((EYE_SIZE, 2 * EYE_SIZE), np.uint8)
+        if frame.eyes is not None:
+            both = np.concatenate([frame.eyes[0], frame.eyes[1]], 1)
+        image = av.VideoFrame.from_ndarray(both, format="gray")
+        image.pts, image.time_base = frame.index, Fraction(1, FPS)
+        container.mux(picture.encode(image))
+    if sound is None:
+        return
+    values = np.clip(np.rint(frame.audio * 32768), -32768, 32767).astype(np.int16)
+    chunk = av.AudioFrame.from_ndarray(values[None], format="s16", layout="mono")
+    chunk.sample_rate, chunk.time_base = SAMPLE_RATE, Fraction(1, SAMPLE_RATE)
+    chunk.pts = frame.index * SAMPLES_PER_FRAME
+    container.mux(sound.encode(chunk))

@@ -1,0 +1,53 @@
+"""The soak and the fuzz of `bench`, short: what they find does not depend on speed."""
+
+from pathlib import Path
+
+import pytest
+
+from app.bench.fuzz import Fuzzer, measure_fuzz
+from app.bench.sensors.live import measure_live_soak
+from app.sinks.dashboard import Dashboard, meter
+from app.sinks.live_stats import LiveStats
+from sensors.cameras.spec import cameras
+from sensors.clock import ManualClock
+from sensors.live.source import LiveSource
+
+pytestmark = pytest.mark.slow
+
+
+def test_a_short_soak_gives_the_codes_of_its_own_replay(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(Path(__file__).parents[3])
+    report = measure_live_soak(0.1)
+    metrics = report["metrics"]
+    assert metrics["frames"] >= 175
+    assert metrics["codes_unlike_the_replay"] == 0
+    assert metrics["threads_leaked"] == 0
+    assert metrics["eyes_valid_share"] > 0
+    assert {bar["name"] for bar in report["bars"]} >= {"missed_ticks_percent", "memory_growth_mb"}
+
+
+def test_a_little_fuzz_finds_nothing() -> None:
+    report = measure_fuzz(1200, seed=7)
+    assert report["metrics"]["escaped"] == []
+    assert report["metrics"]["session_inputs"] == 60
+
+
+def test_the_fuzzer_changes_its_input() -> None:
+    data = bytes(range(256))
+    mutated = [Fuzzer(seed).mutate(data) for seed in range(40)]
+    assert sum(m != data for m in mutated) > 35
+    assert b"".join(Fuzzer(1).pieces(data)) == data
+
+
+def test_the_dashboard_shows_every_sensor() -> None:
+    from rich.console import Console
+
+    clock = ManualClock()
+    source = LiveSource(None, cameras(["http://127.0.0.1:9/"], clock), clock)
+    console = Console(width=120, record=True, file=open("/dev/null", "w"))  # noqa: SIM115
+    console.print(Dashboard(source, LiveStats()).render())
+    shown = console.export_text()
+    assert "microphone" in shown
+    assert "eye left + right" in shown
+    assert meter(-200).count("·") == 20
+    assert meter(0).count("█") == 20

@@ -1,0 +1,117 @@
+"""Consent and mute follow from what both ends said last, and from nothing else."""
+
+import json
+from dataclasses import asdict, replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from app.call.wire.agreement import (
+    MAX_HELLO,
+    Hello,
+    clock_difference_ns,
+    heard_by,
+    is_fresh,
+    may_receive,
+    may_record,
+    may_send,
+    read_hello,
+)
+from app.call.wire.packet import MalformedError
+
+ANN = Hello(identity="a" * 32, name="Ann", basis=7)
+BEN = Hello(identity="b" * 32, name="Ben", basis=7)
+
+
+def accepted(who: Hello, *met: Hello) -> Hello:
+    return replace(who, accepted=True, met=tuple(m.identity for m in met))
+
+
+def test_nothing_leaves_before_both_accepted() -> None:
+    both = accepted(ANN, BEN), accepted(BEN, ANN)
+    assert may_send(*[both[0], [both[1]]]) and may_receive(*both)
+    for mine, theirs in [
+        (ANN, both[1]),
+        (both[0], BEN),
+        (both[0], replace(both[1], accepted=False)),
+    ]:
+        assert not may_send(mine, [theirs]) and not may_receive(mine, theirs)
+    assert not may_send(both[0], [])
+
+
+def test_a_recorded_hello_of_an_earlier_call_opens_nothing() -> None:
+    earlier = accepted(BEN, replace(ANN, identity="c" * 32))
+    assert not is_fresh(ANN, earlier) and not may_send(accepted(ANN), [earlier])
+
+
+def test_recording_needs_everybody() -> None:
+    mine = replace(accepted(ANN, BEN), records=True)
+    yes, no = replace(BEN, may_record=True), BEN
+    assert may_record(mine, [yes]) and may_record(mine, [yes, yes])
+    assert not may_record(mine, [yes, no]) and not may_record(mine, [])
+    assert not may_record(replace(mine, records=False), [yes])
+
+
+def test_heard_by_counts_those_who_say_so() -> None:
+    assert heard_by(ANN, [replace(BEN, hears=(ANN.identity,)), BEN]) == 1
+
+
+def test_clocks_are_compared_by_echoes() -> None:
+    """Their clock is 5000 ahead; 30 there, 40 spent with them, 30 back."""
+    theirs = replace(BEN, now_ns=5000 + 1070, echoes=((ANN.identity, 1000, 5000 + 1030),))
+    assert clock_difference_ns(ANN, theirs, now_ns=1100) == (5000, 60)
+    assert clock_difference_ns(ANN, BEN, now_ns=1100) is None
+
+
+def test_a_hello_comes_back() -> None:
+    mine = replace(
+        accepted(ANN, BEN), name="Zoë", hears=(BEN.identity,), echoes=((BEN.identity, 1, -2),)
+    )
+    assert read_hello(mine.to_bytes()) == mine
+    assert len(mine.to_bytes()) < MAX_HELLO / 2
+
+
+def test_names_cannot_draw_on_the_terminal() -> None:
+    evil = replace(ANN, name="\x1b[2J\nroot\u202e" + "x" * 500)
+    name = read_hello(evil.to_bytes()).name
+    assert name.isprintable() and len(name) <= 40
+
+
+json_values = st.recursive(
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats(allow_subnormal=False)
+    | st.text(max_size=20),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=10,
+)
+
+
+@given(st.binary(max_size=200) | json_values.map(lambda v: json.dumps(v).encode()))
+def test_anything_else_is_refused_in_one_line(data: bytes) -> None:
+    with pytest.raises(MalformedError) as caught:
+        read_hello(data)
+    assert "\n" not in str(caught.value)
+
+
+@given(st.sampled_from(sorted(asdict(ANN))), json_values)
+def test_a_hello_with_one_wrong_field_is_refused_or_whole(field: str, value: object) -> None:
+    given_fields = asdict(ANN) | {field: value}
+    try:
+        got = read_hello(json.dumps(given_fields).encode())
+    except MalformedError:
+        return
+    assert [type(v) for v in asdict(got).values()] == [type(v) for v in asdict(ANN).values()]
+
+
+def test_other_versions_floods_and_bombs_are_refused() -> None:
+    with pytest.raises(MalformedError, match="update"):
+        read_hello(json.dumps(asdict(ANN) | {"version": 99}).encode())
+    with pytest.raises(MalformedError):
+        read_hello(b"[" * 100_000)
+    with pytest.raises(MalformedError):
+        read_hello(b" " * (MAX_HELLO + 1))
+    with pytest.raises(MalformedError):
+        read_hello(json.dumps(asdict(ANN) | {"met": ["x"] * 9}).encode())

@@ -1,0 +1,132 @@
+"""What stands between the loop and the call: echo canceller, tape with consent, the wire."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.call.live import protocol
+from app.call.live.echo import BLOCK, EchoCanceller
+from app.call.live.gate import Gate
+from app.call.live.tape import CallTape
+from app.call.table.seats import Seats
+from app.call.wire.packet import Tick
+from app.compose.call import SoundSettings
+from app.drive.controls import Controls
+from render.types import AHEAD
+from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo
+
+
+def test_the_loudspeaker_is_taken_out_of_the_microphone() -> None:
+    rng = np.random.default_rng(0)
+    blocks = 600
+    gate = np.sin(2 * np.pi * np.arange(blocks * BLOCK) / 48_000 * 1.5) > 0
+    far = 0.1 * rng.standard_normal(blocks * BLOCK) * gate
+    room = np.zeros(1200)
+    room[900], room[1100] = 0.5, 0.2
+    echo = np.convolve(far, room)[: len(far)].astype(np.float32)
+    canceller, left = EchoCanceller(echo=True, noise=False), []
+    for k in range(blocks):
+        block = slice(k * BLOCK, (k + 1) * BLOCK)
+        canceller.played((far[block] * 32767).astype("<i2").tobytes())
+        left.append(canceller.clean(echo[block]))
+    half = len(echo) // 2
+    rest = np.concatenate(left)[half:]
+    assert 10 * np.log10(np.mean(echo[half:] ** 2) / np.mean(rest**2)) > 20  # dB
+
+
+@pytest.mark.parametrize("size", [480, 441, 1, 1600])
+def test_as_many_samples_come_out_as_went_in(size: int) -> None:
+    canceller = EchoCanceller(echo=True, noise=True)
+    for _ in range(20):
+        out = canceller.clean(np.full(size, np.nan, np.float32))
+        assert out.shape == (size,) and np.isfinite(out).all()
+
+
+def test_a_worn_loudspeaker_needs_no_canceller() -> None:
+    sound = SoundSettings()
+    assert sound.is_on("auto", None) and sound.is_on("on", "Headset")
+    assert not sound.is_on("auto", "USB Headset") and not sound.is_on("off", None)
+
+
+def test_ticks_and_sound_cross_as_they_are() -> None:
+    rng = np.random.default_rng(1)
+    tick = Tick(7, rng.standard_normal(256).astype(np.float32), AHEAD)
+    got, end_ns = protocol.unpack_tick(protocol.pack_tick(tick, 99))
+    assert end_ns == 99 and got.index == 7 and np.array_equal(got.expression, tick.expression)
+    samples = rng.standard_normal(480).astype(np.float32)
+    first, sound, t_ns = protocol.unpack_sound(protocol.pack_sound(5, 6, samples))
+    assert (first, t_ns) == (5, 6) and np.array_equal(sound, samples)
+
+
+class Link:
+    muted = eyes_muted = False
+
+    def __init__(self) -> None:
+        self.seats, self.changes = Seats(), []
+
+    def change(self, **state: object) -> None:
+        self.changes.append(state)
+
+
+class Recorder:
+    def __init__(self) -> None:
+        self.problem, self.packets, self.closed = "", [], False
+
+    def append(self, packet: Packet) -> None:
+        self.packets.append(packet)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def test_nothing_is_written_without_consent(tmp_path: Path) -> None:
+    link, recorders = Link(), []
+
+    def record_to(folder: Path) -> Recorder:
+        folder.mkdir()
+        recorders.append(Recorder())
+        return recorders[-1]
+
+    tape = CallTape(link, tmp_path / "take", record_to)  # type: ignore[arg-type]
+    packet = AudioPacket(0, 0, np.zeros(480, np.float32))
+    tape.append(packet)
+    assert not recorders and link.changes == [{"records": True}]
+    link.seats.may_record = True
+    tape.append(packet)
+    assert len(recorders[0].packets) == 1
+    link.seats.may_record = False  # somebody takes it back
+    tape.append(packet)
+    assert recorders[0].closed and len(recorders[0].packets) == 1
+    link.seats.may_record = True
+    tape.append(packet)
+    assert tape.wanted and len(recorders) == 2
+    tape.apply(replace(Controls(avatar="ben"), recording=False))
+    assert recorders[1].closed and link.changes[-1] == {"records": False}
+    assert [p.name for p in tape.sessions] == ["take", "take-001"]
+
+
+class Sensors:
+    """A source of one packet of sound and one picture."""
+
+    info, exhausted, dropped = SourceInfo("stand-in"), False, 0
+
+    def open(self) -> None: ...
+    def poll(self) -> list[Packet]:
+        sound = AudioPacket(0, 0, np.ones(480, np.float32))
+        return [sound, EyePacket(0, 0, 0, np.zeros((400, 400), np.uint8))]
+
+    def close(self) -> None: ...
+
+
+def test_what_is_muted_does_not_reach_the_driver() -> None:
+    link = Link()
+    gate = Gate(Sensors(), link)  # type: ignore[arg-type]
+    sound, eye = gate.poll()
+    assert isinstance(sound, AudioPacket) and sound.samples.all() and isinstance(eye, EyePacket)
+    link.muted = True
+    sound, eye = gate.poll()
+    assert isinstance(sound, AudioPacket) and not sound.samples.any()
+    link.eyes_muted = True
+    assert [type(p) for p in gate.poll()] == [AudioPacket]

@@ -1,0 +1,101 @@
+"""Seats in shared memory, and everybody in one cloud."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from app.call.media.face import end_of
+from app.call.table.company import OWN_SCALE, Company, Place, joined, placed, places
+from app.call.table.seats import SeatReader, Seats
+from app.call.wire.packet import Tick
+from render.decoder import identity
+from render.decoder.decoder import Decoder
+from render.types import AHEAD, Gaussians, Shine
+
+S = 10**9
+
+
+def tick(index: int) -> Tick:
+    return Tick(index, np.full(256, index, np.float32), AHEAD)
+
+
+def seated(*names: str) -> Seats:
+    """Each has three ticks, and hears the middle one now (at 1 s)."""
+    seats = Seats()
+    for name in names:
+        seats.take(name, name.upper(), "ada")
+        for i in range(3):
+            seats.post(name, tick(i), end_of(i, 0), S)
+        seats.hear(name, (S, float(end_of(1, 0)), 1.0), 0.0)
+    return seats
+
+
+def test_a_reader_of_the_memory_sees_the_pose_of_its_moment() -> None:
+    seats = seated("ann")
+    reader = SeatReader(Seats(seats.descriptor))
+    (sitter,) = reader.sitters(S)
+    assert (sitter.name, sitter.avatar) == ("ANN", "ada")
+    assert abs(sitter.tick.expression[0] - 1) < 1e-3
+    (sitter,) = reader.sitters(S + S // 60)  # half a tick later
+    assert abs(sitter.tick.expression[0] - 1.5) < 1e-2
+    seats.leave("ann")
+    assert reader.sitters(S) == []
+
+
+def test_the_eighth_finds_no_seat_and_lines_are_cut() -> None:
+    seats = seated(*"abcdefgh")
+    assert len(SeatReader(seats).sitters(S)) == 7
+    seats.lines = ["x" * 5000, "y"]
+    assert len(seats.lines[0]) == 2000
+    seats.may_record = True
+    assert Seats(seats.descriptor).may_record
+
+
+def test_seats_do_not_overlap_and_the_speaker_is_largest() -> None:
+    for count in range(2, 8):
+        row = places([1.0] * count)
+        across = [p.at_mm[0] for p in row]
+        assert across == sorted(across, reverse=True)
+        assert np.ptp(across) < 340
+    assert places([1.0])[0] == Place(1.0, 0.0, (0.0, 0.0, 0.0)) or places([1.0])[0].scale == 1.0
+
+
+def test_a_place_turns_moves_and_scales_rigidly() -> None:
+    rng = np.random.default_rng(0)
+    means = rng.standard_normal((50, 3)).astype(np.float32)
+    quats = np.tile(np.array([1, 0, 0, 0], np.float32), (50, 1))
+    ones = np.ones((50, 3), np.float32)
+    cloud = Gaussians(means, quats, ones, ones[:, 0], ones)
+    moved = placed(cloud, Place(0.5, 90.0, (10.0, 0.0, 0.0)), presence=0.25)
+    assert np.allclose(moved.means[:, 1], means[:, 1] / 2, atol=1e-5)
+    assert np.allclose(moved.means[:, 0] - 10, means[:, 2] / 2, atol=1e-5)
+    assert np.allclose(moved.quats[0], [np.sqrt(0.5), 0, np.sqrt(0.5), 0], atol=1e-5)
+    assert np.allclose(moved.scales, 0.5) and np.allclose(moved.opacities, 0.25)
+    assert len(joined([cloud, moved])) == 100 and joined([cloud, moved]).shine is None
+    shine = Shine(np.ones((20, 4), np.float32), ones[:20, 0], np.ones((4, 3), np.float32))
+    both = joined([cloud, replace(cloud, shine=shine)]).shine
+    assert both and not both.weights[:50].any() and both.weights[50:70].all()
+    assert not both.weights[70:].any()
+
+
+def test_a_partner_names_no_file_of_this_machine(tmp_path: Path) -> None:
+    decoder = Decoder.load(gaussians="16k")
+    _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
+    seats = seated("eve")
+    seats.take("eve", "Eve", str(tmp_path / "evil.safetensors"))
+    (tmp_path / "evil.safetensors").write_bytes(b"never opened")
+    Company(decoder, seats).around(own, S)  # opening it would raise
+
+
+def test_partners_are_drawn_and_the_own_head_is_small() -> None:
+    decoder = Decoder.load(gaussians="16k")
+    _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
+    assert Company(decoder, Seats()).around(own, S) is own
+    seats = seated("ann", "tom")
+    seats.take("tom", "Tom", "no such avatar")  # is drawn as somebody
+    everybody = Company(decoder, seats).around(own, S)
+    everybody.check()
+    small = everybody.means[-len(own) :]
+    assert np.allclose(np.ptp(small, 0), OWN_SCALE * np.ptp(own.means, 0), rtol=1e-3)
+    assert len(everybody) > 2 * len(own)

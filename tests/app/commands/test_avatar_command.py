@@ -1,0 +1,51 @@
+"""`livedrive avatar create` as a user types it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.commands.avatar import CreateAvatar
+from render.decoder import identity
+from sensors.types import InputError
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def files(tmp_path: Path) -> dict[str, Path]:
+    np.savez(tmp_path / "g.npz", vertices=identity.load("kofi").geometry)
+    Image.new("RGB", (512, 256), (190, 140, 115)).save(tmp_path / "t.png")
+    return {"geometry": tmp_path / "g.npz", "texture": tmp_path / "t.png", "out": tmp_path}
+
+
+def test_a_scan_becomes_an_avatar_with_hair_and_a_card(files: dict[str, Path]) -> None:
+    CreateAvatar(name="me", eye="green", hair="ben", **files).run()
+    who = identity.load("me", files["out"])
+    assert identity.names(files["out"]) == ["me"]
+    # Lips are sealed anew and rounded again: three steps of 1/128 mm on the shipped faces.
+    assert np.abs(who.geometry - identity.load("kofi").geometry).max() < 0.03
+    assert len(who.hair) == len(identity.load("ben").hair)
+    assert '"geometry": "g.npz"' in (files["out"] / "avatar_me.json").read_text()
+
+
+def test_nobody_is_replaced_unasked(files: dict[str, Path]) -> None:
+    """Red before: `create ben` took the place of the shipped one."""
+    with pytest.raises(InputError, match="shipped"):
+        CreateAvatar(name="ben", **files).run()
+    CreateAvatar(name="me", **files).run()
+    with pytest.raises(InputError, match="--replace"):
+        CreateAvatar(name="me", **files).run()
+    CreateAvatar(name="me", replace=True, **files).run()
+
+
+@pytest.mark.parametrize(
+    ("name", "hair"), [("Me", None), ("all", None), ("a b", None), ("me", "x")]
+)
+def test_a_wrong_word_is_refused_before_the_work(
+    files: dict[str, Path], name: str, hair: str | None
+) -> None:
+    with pytest.raises(InputError, match="expected"):
+        CreateAvatar(name=name, hair=hair, eye="brown", **files).run()
+    assert identity.names(files["out"]) == []

@@ -1,0 +1,106 @@
+"""`livedrive run` and `record` as a user meets them: live = replay, Ctrl-C, bad words."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.session.recording import Recording
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[3]
+SMOKE = f"session:{ROOT / 'recordings' / 'smoke'}"
+START = [sys.executable, "-c", "from app.main import main; main()"]
+
+
+def livedrive(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
+    return subprocess.run(
+        [*START, *words],
+        cwd=cwd,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        timeout=300,
+    )
+
+
+def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) -> None:
+    words = ["--headless", "--mic", "none", "--eyes", SMOKE, "--seconds", "1.5"]
+    words += ["--record", "tape", "--motion", "live.npz", "--report", "live.json"]
+    done = livedrive("run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads((tmp_path / "live.json").read_text())
+    assert report["frames"] >= 44
+    assert report["frames_with_gap"] == report["frames"]
+    assert report["sensors"][SMOKE]["pictures"] > 0
+    assert "microphone" not in report["sensors"]
+    again = livedrive("replay", "tape", "--motion", "again.npz", cwd=tmp_path)
+    assert again.returncode == 0, again.stderr
+    live, replayed = np.load(tmp_path / "live.npz"), np.load(tmp_path / "again.npz")
+    assert len(live["t_ns"]) == report["frames"]
+    for name in live.files:
+        np.testing.assert_array_equal(live[name], replayed[name], name)
+
+
+def test_ctrl_c_finishes_the_recording(tmp_path: Path) -> None:
+    child = subprocess.Popen(
+        [*START, "record", "tape", "--mic", "none", "--eyes", SMOKE],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    timeline, deadline = tmp_path / "tape" / "timeline.jsonl", time.monotonic() + 60
+    while not (timeline.is_file() and timeline.stat().st_size > 3000):
+        assert time.monotonic() < deadline and child.poll() is None
+        time.sleep(0.02)
+    child.send_signal(signal.SIGINT)
+    out, err = child.communicate(timeout=60)
+    assert child.returncode == 130, err
+    assert "next: livedrive replay tape" in out
+    assert "Traceback" not in err
+    with Recording(tmp_path / "tape") as recording:
+        assert recording.card["closed"]
+        assert "repaired" not in recording.card
+        assert len(recording.eyes) == 2
+
+
+def test_a_recording_that_cannot_be_written_leaves_the_drive_alone(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    words = ["--headless", "--mic", "none", "--seconds", "0.5", "--record", "file/tape"]
+    done = livedrive("run", *words, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("driving goes on") == 1
+    assert re.match(r"(1[4-9]|2\d) frames", done.stdout)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["run", "--headless", "--mic", "none", "--eyes", "nonsense"], "--eyes"),
+        (["run", "--headless", "--mic", "no such one"], "livedrive devices"),
+        (["record", ".", "--mic", "none"], "new or empty"),
+    ],
+)
+def test_bad_words_end_in_one_line(tmp_path: Path, words: list[str], said: str) -> None:
+    (tmp_path / "file").write_text("")
+    done = livedrive(*words, cwd=tmp_path)
+    assert done.returncode == 2
+    line = done.stderr.strip().splitlines()[-1]
+    assert said in line
+    assert "Traceback" not in done.stderr
+
+
+def test_devices_say_what_to_type(tmp_path: Path) -> None:
+    done = livedrive("devices", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "--eyes http://" in done.stdout

@@ -1,0 +1,132 @@
+"""The driving loop on a manual clock: pacing, stalls and the two loop rules."""
+
+import errno
+
+import numpy as np
+import pytest
+
+from app.drive.loop import Drive, drive
+from app.drive.sink import Expendable, FrameResult, RunInfo
+from encoder.types import DrivenFrame
+from render.types import AHEAD
+from sensors.clock import ManualClock
+from sensors.types import FPS, NS, SAMPLES_PER_FRAME, AudioPacket, SourceInfo
+
+
+class Tone:
+    """A source of `frames` frames of sound that arrive on time, with one stall."""
+
+    info = SourceInfo("tone")
+    dropped = 0
+
+    def __init__(self, clock: ManualClock, frames: int, stall: range = range(0)) -> None:
+        self.clock, self.frames, self.stall = clock, frames, stall
+        self.sent, self.closed = 0, False
+
+    @property
+    def exhausted(self) -> bool:
+        return self.sent >= self.frames
+
+    def open(self) -> None:
+        self.start_ns = self.clock.now_ns()
+
+    def poll(self) -> list[AudioPacket]:
+        due = (self.clock.now_ns() - self.start_ns) * FPS // NS
+        if due in self.stall:
+            return []
+        first, self.sent = self.sent, max(self.sent, min(due, self.frames))
+        return [
+            AudioPacket(
+                t_ns=k * NS // FPS,
+                first_sample=k * SAMPLES_PER_FRAME,
+                samples=np.full(SAMPLES_PER_FRAME, 0.1, np.float32),
+            )
+            for k in range(first, self.sent)
+        ]
+
+    def close(self) -> None:
+        self.closed = True
+
+
+class Counting:
+    """A driver whose code says how often it was stepped."""
+
+    def init_state(self, seed: int) -> int:
+        return 0
+
+    def step(self, frame, state, timer):  # noqa: ANN001, ANN201
+        code = np.full(256, state, np.float32)
+        return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
+
+
+class Keep:
+    def __init__(self, fail_at: int | None = None) -> None:
+        self.indices: list[int] = []
+        self.closed, self.fail_at = False, fail_at
+
+    def on_start(self, info: RunInfo) -> None: ...
+
+    def on_frame(self, result: FrameResult) -> None:
+        if result.driven.index == self.fail_at:
+            raise OSError(28, "No space left on device")
+        self.indices.append(result.driven.index)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+def run(source: Tone, clock: ManualClock, sink: Keep, realtime: bool = True):  # noqa: ANN201
+    parts = Drive(
+        source=source,
+        driver=Counting(),  # type: ignore[arg-type]
+        clock=clock,
+        sinks=[sink],
+        realtime=realtime,
+    )
+    return drive(parts)
+
+
+def test_every_frame_is_stepped_once_at_its_time() -> None:
+    clock, sink = ManualClock(), Keep()
+    summary = run(Tone(clock, 90), clock, sink)
+    assert sink.indices == list(range(90))
+    assert (summary.frames, summary.dropped) == (90, 0)
+    assert clock.now_ns() == pytest.approx(90 * NS // FPS, abs=2 * NS // FPS)
+
+
+def test_after_a_stall_every_frame_is_stepped_and_only_the_newest_drawn() -> None:
+    clock, sink = ManualClock(), Keep()
+    summary = run(Tone(clock, 90, stall=range(30, 45)), clock, sink)
+    assert sink.indices == list(range(90))
+    assert summary.frames == 90
+    assert 14 <= summary.dropped <= 15
+
+
+def test_a_full_disk_still_closes_source_and_sinks() -> None:
+    clock, sink = ManualClock(), Keep(fail_at=10)
+    source = Tone(clock, 90)
+    with pytest.raises(OSError, match="No space left"):
+        run(source, clock, sink)
+    assert sink.closed and source.closed
+    assert sink.indices == list(range(10))
+
+
+def test_a_live_run_outlives_a_full_disk(capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: the run ended, though its recording went on."""
+
+    class Full:
+        frames = 0
+
+        def on_start(self, info: RunInfo) -> None: ...
+
+        def on_frame(self, result: FrameResult) -> None:
+            self.frames += 1
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+        def close(self) -> None:
+            raise OSError(errno.ENOSPC, "No space left on device")
+
+    full, clock = Full(), ManualClock()
+    summary = run(Tone(clock, 10), clock, Expendable(full))  # type: ignore[arg-type]
+    assert full.frames == 1 and summary.frames == 10
+    assert capsys.readouterr().err.count("No space left") == 1

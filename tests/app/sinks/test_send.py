@@ -1,0 +1,288 @@
+"""What other programs receive, through readers that are not ours, against the --arkit table."""
+
+import csv
+import json
+import socket
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from time import monotonic, sleep
+
+import numpy as np
+import pytest
+from pylivelinkface import FaceBlendShape, PyLiveLinkFace
+from pythonosc.dispatcher import Dispatcher
+from pythonosc.osc_server import BlockingOSCUDPServer
+
+from app.drive.sink import FrameResult, RunInfo
+from app.face.arkit import ARKIT_NAMES
+from app.sinks.arkit import ArkitSink
+from app.sinks.protocols.face import FaceReader
+from app.sinks.protocols.osc import MAX_DATAGRAM
+from app.sinks.protocols.send import QUEUE, SendSink
+from app.sinks.protocols.vmc import VmcEncoder, unity_turn
+from app.sinks.protocols.vrchat import EXPRESSIONS, VRChatEncoder
+from app.sinks.table import Outlet, open_all, parse
+from encoder.types import DrivenFrame
+from render.decoder.decoder import Decoder
+from render.types import AHEAD
+from sensors.clock import ManualClock
+from sensors.types import FPS, NS, InputError, SensorFrame
+
+TICKS = 50
+INFO = RunInfo(64, 64, TICKS)
+
+
+@pytest.fixture(scope="module")
+def results(decoder: Decoder) -> list[FrameResult]:
+    """Faces with every channel moving, and eyes that look in all directions."""
+    rng = np.random.default_rng(3)
+    made: list[FrameResult] = []
+    for index in range(TICKS):
+        rig = rng.uniform(0, 1, 53).astype(np.float32)
+        yaw, up = rng.uniform(-0.5, 0.5, (2, 2))
+        gaze = np.stack([np.sin(yaw) * np.cos(up), np.sin(up), np.cos(yaw) * np.cos(up)], -1)
+        t_ns = (index + 1) * NS // FPS
+        silence, ages = np.zeros(1600, np.float32), np.full(2, -1, np.int64)
+        frame = SensorFrame(index, t_ns, silence, None, np.zeros(2, bool), ages, False)
+        driven = DrivenFrame(index, t_ns, decoder.encode(rig), gaze.astype(np.float32))
+        made.append(FrameResult(frame, driven, None))
+    return made
+
+
+@pytest.fixture(scope="module")
+def table(
+    decoder: Decoder, results: list[FrameResult], tmp_path_factory: pytest.TempPathFactory
+) -> list[dict[str, float]]:
+    """The rows of the --arkit table by column name, of the same frames."""
+    path = tmp_path_factory.mktemp("arkit") / "face.csv"
+    sink = ArkitSink(path, decoder)
+    sink.on_start(INFO)
+    for result in results:
+        sink.on_frame(result)
+    sink.close()
+    with path.open() as file:
+        return [
+            {k: float(v) for k, v in row.items() if k != "Timecode"} for row in csv.DictReader(file)
+        ]
+
+
+@contextmanager
+def sending(url: str, decoder: Decoder) -> Iterator[SendSink]:
+    (sink,) = open_all([url], Outlet(decoder, "ben", ManualClock()))
+    assert isinstance(sink, SendSink)
+    sink.on_start(INFO)
+    try:
+        yield sink
+    finally:
+        sink.close()
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    end = monotonic() + 10
+    while not what():
+        assert monotonic() < end, "waited in vain"
+        sleep(0.005)
+
+
+@contextmanager
+def osc_receiver() -> Iterator[tuple[int, list[tuple[str, tuple[object, ...]]]]]:
+    """A python-osc server on a free port, and the messages it has heard."""
+    heard: list[tuple[str, tuple[object, ...]]] = []
+    dispatcher = Dispatcher()
+    dispatcher.set_default_handler(lambda address, *args: heard.append((address, args)))
+    server = BlockingOSCUDPServer(("127.0.0.1", 0), dispatcher)
+    thread = threading.Thread(target=server.serve_forever, daemon=True)
+    thread.start()
+    try:
+        yield server.server_address[1], heard
+    finally:
+        server.shutdown()
+        server.server_close()
+
+
+def test_vmc_carries_the_table_by_name(
+    decoder: Decoder, results: list[FrameResult], table: list[dict[str, float]]
+) -> None:
+    with (
+        osc_receiver() as (port, heard),
+        sending(f"vmc://127.0.0.1:{port}", decoder) as sink,
+    ):
+        for tick, (result, row) in enumerate(zip(results, table, strict=True), 1):
+            sink.on_frame(result)
+            wait_for(lambda tick=tick: [a for a, _ in heard].count("/VMC/Ext/Blend/Apply") == tick)
+            shapes = {args[0]: args[1] for a, args in heard if a == "/VMC/Ext/Blend/Val"}
+            assert len(shapes) == 52
+            for name, value in shapes.items():
+                assert value == pytest.approx(row[str(name)], abs=1e-3)
+            bones = {args[0]: args[1:] for a, args in heard if a == "/VMC/Ext/Bone/Pos"}
+            assert set(bones) == {"Neck", "Head", "LeftEye", "RightEye"}
+            for bone, turn in list(bones.items())[2:]:
+                expected = unity_turn(row[f"{bone}Yaw"], row[f"{bone}Pitch"])
+                assert turn == pytest.approx([0, 0, 0, *expected], abs=1e-3)
+        assert sink.network_report()[f"vmc://127.0.0.1:{port}"]["sent"] == TICKS
+
+
+def test_an_eye_to_the_owners_left_and_up_turns_as_in_unity() -> None:
+    x, y, z, w = unity_turn(0.4, 0.2)
+    # The quaternion applied to Unity's forward (0, 0, 1): left is -x, up is +y.
+    forward = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+    expected = [-np.sin(0.4) * np.cos(0.2), np.sin(0.2), np.cos(0.4) * np.cos(0.2)]
+    np.testing.assert_allclose(forward, expected, atol=1e-9)
+
+
+def test_vrchat_carries_the_table_by_name(
+    decoder: Decoder, results: list[FrameResult], table: list[dict[str, float]]
+) -> None:
+    with (
+        osc_receiver() as (port, heard),
+        sending(f"vrchat://127.0.0.1:{port}", decoder) as sink,
+    ):
+        for result, row in zip(results, table, strict=True):
+            heard.clear()
+            sink.on_frame(result)
+            wait_for(lambda: "/tracking/eye/EyesClosedAmount" in [a for a, _ in heard])
+            got = {address.removeprefix("/avatar/parameters/v2/"): args for address, args in heard}
+
+            def shape(name: str, row: dict[str, float] = row) -> float:
+                return row[name[0].upper() + name[1:]]
+
+            for name, weights in EXPRESSIONS.items():
+                expected = sum(weight * shape(source) for source, weight in weights.items())
+                expected += 0.75 * name.startswith("EyeLid")
+                assert got[name] == (pytest.approx(expected, abs=1e-3),)
+            degrees = [np.degrees(row[f"{s}Eye{a}"]) for s in ("Left", "Right") for a in _PITCH_YAW]
+            pitch_yaw = got["/tracking/eye/LeftRightPitchYaw"]
+            assert pitch_yaw == pytest.approx([-d for d in degrees], abs=1e-3)
+            assert got["EyeLeftX"] == (pytest.approx(-degrees[1] / 45, abs=1e-3),)
+            assert got["EyeRightY"] == (pytest.approx(degrees[2] / 45, abs=1e-3),)
+
+
+_PITCH_YAW = ("Pitch", "Yaw")
+
+
+def test_an_open_lid_is_three_quarters_and_a_shut_one_nothing(decoder: Decoder) -> None:
+    lids: dict[str, float] = {}
+    for blink in (0.0, 1.0):
+        rig = np.zeros(53, np.float32)
+        rig[[decoder.rig_names.index(f"eyeBlink_{s}") for s in "LR"]] = blink
+        face = FaceReader(decoder)(DrivenFrame(0, 0, decoder.encode(rig), AHEAD))
+        with osc_receiver() as (port, heard), socket.socket(type=socket.SOCK_DGRAM) as udp:
+            for datagram in VRChatEncoder("FT/v2")(face):
+                udp.sendto(datagram, ("127.0.0.1", port))
+            wait_for(lambda heard=heard: "/tracking/eye/EyesClosedAmount" in dict(heard))
+            lids |= {f"{blink:g}": dict(heard)["/avatar/parameters/FT/v2/EyeLidLeft"][0]}  # type: ignore[dict-item]
+            assert dict(heard)["/tracking/eye/EyesClosedAmount"] == (
+                pytest.approx(blink, abs=0.01),
+            )
+    assert lids == {"0": pytest.approx(0.75, abs=1e-3), "1": pytest.approx(0.0, abs=0.01)}
+
+
+def test_live_link_carries_the_table_by_name(
+    decoder: Decoder, results: list[FrameResult], table: list[dict[str, float]]
+) -> None:
+    with socket.socket(type=socket.SOCK_DGRAM) as udp:
+        udp.bind(("127.0.0.1", 0))
+        udp.settimeout(10)
+        url = f"livelink://127.0.0.1:{udp.getsockname()[1]}/My%20Face"
+        with sending(url, decoder) as sink:
+            for result, row in zip(results, table, strict=True):
+                sink.on_frame(result)
+                found, face = PyLiveLinkFace.decode(udp.recv(2000))
+                assert found and face.name == "My Face" and face.fps == FPS
+                assert face._frames == result.driven.index  # noqa: SLF001
+                for shape in FaceBlendShape:
+                    assert face.get_blendshape(shape) == pytest.approx(row[shape.name], abs=1e-3)
+
+
+def test_every_datagram_fits_an_ethernet_frame(
+    decoder: Decoder, results: list[FrameResult]
+) -> None:
+    face = FaceReader(decoder)(results[0].driven)
+    for encode in (VmcEncoder(), VRChatEncoder(), VRChatEncoder("x" * 40)):
+        datagrams = encode(face)
+        assert len(datagrams) > 1 and max(map(len, datagrams)) <= MAX_DATAGRAM
+
+
+def test_gains_stretch_and_clamp_a_channel(
+    tmp_path: Path, decoder: Decoder, results: list[FrameResult]
+) -> None:
+    gains = tmp_path / "gains.json"
+    gains.write_text(json.dumps({"jawOpen": {"gain": 2, "high": 0.5}, "mouthPucker": {"low": 0.2}}))
+    jaw, pucker = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthPucker")
+    for result in results:
+        plain = FaceReader(decoder)(result.driven).arkit
+        shaped = FaceReader(decoder, gains)(result.driven).arkit
+        assert shaped[jaw] == pytest.approx(min(2 * plain[jaw], 0.5))
+        assert shaped[pucker] == pytest.approx(max(plain[pucker], 0.2))
+        others = np.delete(np.arange(52), [jaw, pucker])
+        np.testing.assert_array_equal(shaped[others], plain[others])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "not json",
+        '{"jawOpn": {"gain": 1}}',
+        '{"jawOpen": {"grain": 1}}',
+        '{"jawOpen": {"low": 1, "high": 0}}',
+        '{"jawOpen": {"gain": NaN}}',
+        '{"jawOpen": 2}',
+    ],
+)
+def test_a_wrong_gains_file_is_one_line(tmp_path: Path, decoder: Decoder, text: str) -> None:
+    path = tmp_path / "gains.json"
+    path.write_text(text)
+    with pytest.raises(InputError, match="expected"):
+        FaceReader(decoder, path)
+
+
+@pytest.mark.parametrize(
+    "url", ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x"]
+)
+def test_a_wrong_address_is_one_line(url: str) -> None:
+    with pytest.raises(InputError, match="vmc://127.0.0.1:39539"):
+        parse(url)
+
+
+def test_a_receiver_that_comes_late_is_counted_and_met(
+    decoder: Decoder, results: list[FrameResult]
+) -> None:
+    with osc_receiver() as (port, _):
+        pass
+    url = f"vmc://127.0.0.1:{port}"
+    with sending(url, decoder) as sink:
+
+        def count(key: str) -> int:
+            return sink.network_report()[url][key]
+
+        def tick() -> None:
+            done = count("sent") + count("lost")
+            sink.on_frame(results[0])
+            wait_for(lambda: count("sent") + count("lost") > done)
+
+        for _ in range(10):
+            tick()
+        assert count("lost") >= 9
+        with socket.socket(type=socket.SOCK_DGRAM) as udp:
+            udp.bind(("127.0.0.1", port))
+            udp.settimeout(10)
+            tick()
+            assert udp.recv(2000).startswith(b"#bundle")
+            for _ in range(5):
+                tick()
+        assert count("reconnects") == 1
+
+
+def test_a_stuck_thread_never_holds_up_the_tick(
+    decoder: Decoder, results: list[FrameResult]
+) -> None:
+    (sink,) = open_all(["vmc://127.0.0.1:9"], Outlet(decoder, "ben", ManualClock()))
+    assert isinstance(sink, SendSink)  # its thread is not started
+    for result in results:
+        sink.on_frame(result)
+    assert sink.dropped == TICKS - QUEUE
+    newest = [sink._queue.get_nowait() for _ in range(QUEUE)]  # noqa: SLF001
+    assert [d.index for d in newest if d] == list(range(TICKS - QUEUE, TICKS))
+    sink.close()

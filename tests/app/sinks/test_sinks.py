@@ -1,0 +1,108 @@
+"""Sinks: named blendshapes, repeatable files, playable video."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.drive.sink import FrameResult, RunInfo
+from app.face.arkit import ARKIT_NAMES, arkit
+from app.sinks.arkit import ArkitSink, timecode
+from app.sinks.motion import MotionSink
+from app.sinks.video import VideoSink
+from encoder.types import DrivenFrame
+from render.decoder import identity
+from render.decoder.decoder import Decoder
+from render.types import AHEAD
+from sensors.types import FPS, NS, SAMPLES_PER_FRAME, InputError, SensorFrame
+
+
+def result(index: int, code: np.ndarray, picture: np.ndarray | None = None) -> FrameResult:
+    t_ns = (index + 1) * NS // FPS
+    sound = 0.3 * np.sin(np.arange(SAMPLES_PER_FRAME, dtype=np.float32) * 0.05)
+    ages = np.full(2, -1, np.int64)
+    frame = SensorFrame(index, t_ns, sound, None, np.zeros(2, bool), ages, False)
+    return FrameResult(frame, DrivenFrame(index, t_ns, code, AHEAD), picture)
+
+
+def test_every_arkit_name_but_the_tongue_has_a_source(decoder: Decoder) -> None:
+    assert len(set(ARKIT_NAMES)) == 52
+    full = arkit(np.ones((1, 53), np.float32), AHEAD[None], decoder.rig_names)[0]
+    still = [n for n, v in zip(ARKIT_NAMES, full, strict=True) if v == 0]
+    assert [n for n in still if "eyeLook" not in n] == ["tongueOut"]
+
+
+def test_each_channel_reaches_its_namesake(decoder: Decoder) -> None:
+    for name, expected in {
+        "mouthSmile_L": "mouthSmileLeft",
+        "jawLeft": "jawLeft",
+        "mouthRight": "mouthRight",
+        "jawOpen": "jawOpen",
+        "eyeBlink_R": "eyeBlinkRight",
+    }.items():
+        rig = np.zeros((1, 53), np.float32)
+        rig[0, decoder.rig_names.index(name)] = 0.7
+        values = arkit(rig, AHEAD[None], decoder.rig_names)[0]
+        assert [n for n, v in zip(ARKIT_NAMES, values, strict=True) if v > 0] == [expected]
+
+
+def test_looking_to_the_subjects_left(decoder: Decoder) -> None:
+    left = np.tile(np.array([np.sin(0.3), 0, np.cos(0.3)], np.float32), (2, 1))
+    values = arkit(np.zeros((1, 53), np.float32), left[None], decoder.rig_names)[0]
+    moved = {n for n, v in zip(ARKIT_NAMES, values, strict=True) if v > 0}
+    assert moved == {"eyeLookOutLeft", "eyeLookInRight"}
+
+
+def test_the_table_has_the_layout_of_live_link_face(tmp_path: Path, decoder: Decoder) -> None:
+    sink = ArkitSink(tmp_path / "a.csv", decoder)
+    sink.on_start(RunInfo(64, 64, 2))
+    for k in range(2):
+        sink.on_frame(result(k, np.zeros(256, np.float32)))
+    sink.close()
+    header, *rows = csv.reader((tmp_path / "a.csv").open())
+    assert header[:3] == ["Timecode", "BlendShapeCount", "EyeBlinkLeft"]
+    assert header[-1] == "RightEyeRoll" and len(header) == 63
+    assert [row[0] for row in rows] == ["00:00:00:00.000", "00:00:00:01.000"]
+    assert {row[1] for row in rows} == {"61"}
+    assert timecode(30 * 3661 + 7) == "01:01:01:07.000"
+
+
+def test_motion_files_of_equal_runs_are_equal(tmp_path: Path, decoder: Decoder) -> None:
+    who = identity.load("ben")
+    for name in ("a.npz", "b.npz"):
+        sink = MotionSink(tmp_path / name, decoder, who)
+        sink.on_start(RunInfo(64, 64, 3))
+        for k in range(3):
+            sink.on_frame(result(k, np.full(256, 0.01 * k, np.float32)))
+        sink.close()
+    assert (tmp_path / "a.npz").read_bytes() == (tmp_path / "b.npz").read_bytes()
+    motion = np.load(tmp_path / "a.npz", allow_pickle=False)
+    assert motion["lips_mm"].shape == (3, 885, 3)
+    assert motion["upper_face_mm"].shape == (3, 2469, 3)
+    assert motion["arkit"].shape == (3, 52) and len(motion["arkit_names"]) == 52
+
+
+def test_video_has_picture_and_sound_of_equal_length(tmp_path: Path) -> None:
+    import av
+
+    sink = VideoSink(tmp_path / "v.mp4")
+    sink.on_start(RunInfo(64, 64, 45))
+    for k in range(45):
+        picture = np.full((64, 64, 4), 4 * k, np.uint8) if k % 3 == 0 else None
+        sink.on_frame(result(k, np.zeros(256, np.float32), picture))
+    sink.close()
+    with av.open(str(tmp_path / "v.mp4")) as container:
+        frames = list(container.decode(video=0))
+    with av.open(str(tmp_path / "v.mp4")) as container:
+        samples = sum(f.samples for f in container.decode(audio=0))
+    assert len(frames) == 45
+    assert abs(samples - 45 * SAMPLES_PER_FRAME) <= 2048  # AAC pads its last block
+    grey = frames[-1].to_ndarray(format="gray")
+    assert abs(float(grey.mean()) - 4 * 42) < 8  # the last picture is repeated, not black
+
+
+@pytest.mark.parametrize("name", ["v.avi", "v", "missing/v.mp4"])
+def test_a_bad_video_name_is_refused_at_once(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError):
+        VideoSink(tmp_path / name)

@@ -1,0 +1,42 @@
+"""One row a scheme: what is known is opened, what is not is refused with the known named."""
+
+from pathlib import Path
+
+import pytest
+
+from app.commands.options import DriveOptions
+from app.sinks.protocols.send import SendSink
+from app.sinks.table import HELP, SCHEMES, Address, Outlet, open_all, parse
+from render.decoder.decoder import Decoder
+from sensors.clock import ManualClock
+from sensors.types import InputError
+
+
+@pytest.mark.parametrize("scheme", ["", "osc", "VMCS", "http"])
+def test_an_unknown_scheme_is_refused_naming_the_known(scheme: str, decoder: Decoder) -> None:
+    outlet = Outlet(decoder, "ben", ManualClock())
+    with pytest.raises(InputError) as error:
+        open_all([f"{scheme}://127.0.0.1:1"], outlet)
+    assert all(entry.example in str(error.value) for entry in SCHEMES.values())
+
+
+@pytest.mark.parametrize("name", SCHEMES)
+def test_every_example_is_of_its_own_scheme_and_names_the_default_port(name: str) -> None:
+    example = SCHEMES[name].example
+    host, port = parse(example).host, parse(example).port
+    assert parse(f"{name}://{host}") == Address(f"{name}://{host}", name, host, port, "")
+    assert f":{port}" in example
+
+
+def test_datagrams_of_all_targets_share_one_thread(decoder: Decoder) -> None:
+    urls = [entry.example for name, entry in SCHEMES.items() if name != "ws"]
+    (sink,) = open_all(urls, Outlet(decoder, "ben", ManualClock()))
+    assert isinstance(sink, SendSink) and [receiver.url for receiver in sink.receivers] == urls
+    sink.close()
+
+
+def test_help_and_readme_name_every_scheme() -> None:
+    readme = (Path(__file__).parents[3] / "README.md").read_text()
+    for name, entry in SCHEMES.items():
+        assert entry.example in HELP and f"{name}://" in readme
+    assert DriveOptions(send=("vmc://h",)).settings(realtime=False, draw=False, title="").network

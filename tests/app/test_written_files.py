@@ -1,0 +1,99 @@
+"""What the commands write, into a folder in which links wait: refused, and nothing is lost."""
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.sinks.motion import save_npz
+from app.sinks.video import VideoSink
+from app.web import certificate
+from encoder.eyes.calibration import EyeCalibration
+from encoder.eyes.gaze_graph import GazeGraph
+from encoder.nn import checkpoint
+from render.avatars import gltf, ply
+from render.decoder.learned import weights_file
+from render.types import Gaussians
+from sensors import files
+
+MINE = b"precious"
+ONE = Gaussians(
+    means=np.zeros((1, 3), np.float32),
+    quats=np.array([[1, 0, 0, 0]], np.float32),
+    scales=np.ones((1, 3), np.float32),
+    opacities=np.full(1, 0.5, np.float32),
+    colors=np.full((1, 3), 0.5, np.float32),
+)
+
+
+def save_checkpoint(path: Path) -> None:
+    import torch
+
+    card = {"kind": "eyes", "config": {}}
+    checkpoint.save(path.with_suffix(""), {"x": torch.zeros(1)}, card)
+
+
+def save_weights(path: Path) -> None:
+    weights_file.save(path.with_suffix(""), {"x": np.zeros(1)}, {"kind": "prior"})
+
+
+def start_video(path: Path) -> None:
+    from app.drive.sink import RunInfo
+
+    VideoSink(path).on_start(RunInfo(64, 64, None))
+
+
+WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
+    "video": ("out.mp4", start_video),
+    "motion": ("out.npz", lambda path: save_npz(path, {"x": np.zeros(1)})),
+    "ply": ("out.ply", lambda path: ply.save(path, ONE)),
+    "gltf": ("out.glb", lambda path: gltf.save(path, ONE)),
+    "calibration": ("eyes.json", lambda path: EyeCalibration().save(path)),
+    "gaze": ("gaze.npz", lambda path: GazeGraph.load().save(path)),
+    "weights": ("ben.safetensors", save_weights),
+    "weights card": ("ben.json", save_weights),
+    "checkpoint": ("eyes.safetensors", save_checkpoint),
+    "checkpoint card": ("eyes.json", save_checkpoint),
+    "key": (certificate.KEY_FILE, lambda path: certificate.ensure(path.parent, ["a"], 1e9)),
+    "certificate": (certificate.NAMES_FILE, lambda path: certificate.ensure(path.parent, [], 1e9)),
+}
+
+
+@pytest.mark.parametrize("kind", WRITERS)
+def test_nothing_is_written_through_a_link(tmp_path: Path, kind: str) -> None:
+    name, write = WRITERS[kind]
+    mine, folder = tmp_path / "mine", tmp_path / "sent"
+    mine.write_bytes(MINE)
+    folder.mkdir()
+    (folder / name).symlink_to(mine)
+    with pytest.raises(ValueError, match="got a link"):
+        write(folder / name)
+    assert mine.read_bytes() == MINE
+
+
+@pytest.mark.parametrize("kind", ["video", "motion", "ply", "gltf", "calibration", "key"])
+def test_what_shows_a_person_is_for_its_owner_alone(tmp_path: Path, kind: str) -> None:
+    name, write = WRITERS[kind]
+    write(tmp_path / name)
+    assert (tmp_path / name).stat().st_mode & 0o777 == 0o600
+
+
+@pytest.mark.parametrize("suffix", [".json", ".safetensors"])
+def test_weights_are_read_through_no_link(tmp_path: Path, suffix: str) -> None:
+    save_weights(tmp_path / "ben.json")
+    moved = tmp_path / f"elsewhere{suffix}"
+    shutil.move(tmp_path / f"ben{suffix}", moved)
+    (tmp_path / f"ben{suffix}").symlink_to(moved)
+    with pytest.raises(ValueError, match="got a link"):
+        weights_file.load(tmp_path / "ben", "prior")
+
+
+def test_a_report_goes_into_no_link(tmp_path: Path) -> None:
+    (tmp_path / "mine").write_bytes(MINE)
+    (tmp_path / "out.json").symlink_to(tmp_path / "mine")
+    with pytest.raises(ValueError, match="got a link"):
+        files.write_text(tmp_path / "out.json", json.dumps({}))
+    assert (tmp_path / "mine").read_bytes() == MINE

@@ -1,0 +1,132 @@
+"""The page in headless Chromium: its picture against ours, two eyes in a headset."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from browser import SPY, chromium, headset, open_page, screenshot
+from web_client import Talker, psnr, serving, wait_until
+
+from render import cameras
+from render.cameras import DEFAULT_BACKGROUND
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
+from render.types import Camera, Renderer
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[3]
+SIZE = 256
+
+
+@pytest.fixture(scope="module")
+def talker(decoder: Decoder) -> Iterator[Talker]:
+    with serving(decoder) as made:
+        made.tick(30)
+        yield made
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as made:
+        yield made
+
+
+def settle(page: Any, talker: Talker) -> None:
+    """Wait until the newest tick is on the screen, sorted for the present view."""
+
+    def seen() -> bool:
+        frame, draws = page.evaluate("[livedrive.frame, livedrive.draws]")
+        still = (frame, draws) == (talker.index, page.settled)
+        page.settled = draws
+        page.wait_for_timeout(300)
+        return still
+
+    page.settled = -1
+    wait_until(seen)
+
+
+def test_the_picture_is_that_of_the_local_renderer(
+    browser: Any, talker: Talker, who: Identity, renderer: Renderer
+) -> None:
+    page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
+    talker.tick(5)
+    settle(page, talker)
+    shown = screenshot(page)
+    renderer.draw(talker.gaussians(talker.index, who), cameras.portrait(SIZE, SIZE))
+    expected = renderer.read_rgba()[..., :3].copy()
+    assert psnr(shown, expected) >= 45
+    page.evaluate("document.getElementById('mode').click()")  # mirror
+    page.wait_for_timeout(400)
+    assert psnr(screenshot(page)[:, ::-1], expected) >= 45
+    assert psnr(screenshot(page), expected) < 30  # the face is not symmetric
+    assert page.problems == []
+    page.close()
+
+
+def test_a_hand_turns_and_a_wheel_enlarges_the_head(
+    browser: Any, talker: Talker, who: Identity, renderer: Renderer
+) -> None:
+    page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
+    settle(page, talker)
+    page.mouse.move(100, 100)
+    page.mouse.down()
+    page.mouse.move(50, 120, steps=5)
+    page.mouse.up()
+    page.mouse.wheel(0, -200)
+    settle(page, talker)
+    yaw, pitch = np.degrees([50 * 0.006, 20 * 0.006])
+    camera = cameras.Orbit(yaw_deg=yaw, pitch_deg=pitch, zoom=float(np.exp(0.2)))
+    renderer.draw(talker.gaussians(talker.index, who), camera.camera(SIZE, SIZE))
+    assert psnr(screenshot(page), renderer.read_rgba()) >= 45
+    assert page.problems == []
+    page.close()
+
+
+def test_a_headset_sees_the_head_with_both_eyes(
+    browser: Any, talker: Talker, who: Identity, renderer: Renderer
+) -> None:
+    page = open_page(browser, f"{talker.address}?bare", 2 * SIZE, SIZE, SPY, headset(ROOT))
+    settle(page, talker)
+    page.evaluate("document.getElementById('vr').click()")
+    wait_until(lambda: page.evaluate("Boolean(device.activeSession)"))
+    page.wait_for_timeout(2000)  # in a headset every frame is drawn
+    shown = screenshot(page)
+    told = page.evaluate("matrices")
+    eyes = []
+    for eye in range(2):
+        model_view, projection = (
+            np.array(told[name][eye]).reshape(4, 4).T for name in ("modelView", "projection")
+        )
+        renderer.draw(
+            talker.gaussians(talker.index, who), camera_of(model_view, projection, SIZE, SIZE)
+        )
+        half = shown[:, eye * SIZE : (eye + 1) * SIZE]
+        eyes.append(half)
+        assert psnr(half, renderer.read_rgba()) >= 45, eye
+    assert psnr(eyes[0], eyes[1]) < 30  # two eyes, two pictures
+    across = [np.average(np.arange(SIZE), weights=skin(picture).sum(0)) for picture in eyes]
+    assert across[0] > across[1] + 2  # what is near lies further right for the left eye
+    assert page.problems == []
+    page.close()
+
+
+def skin(picture: np.ndarray) -> np.ndarray:
+    return picture[..., 0].astype(float) - picture[..., 2] > 30
+
+
+def camera_of(model_view: np.ndarray, projection: np.ndarray, width: int, height: int) -> Camera:
+    """Our camera of WebGL's matrices; the model is in metres there."""
+    flip = np.diag([1.0, -1.0, -1.0, 1.0])
+    view = flip @ model_view * 1000
+    view[3] = (0, 0, 0, 1)
+    K = np.array(
+        [
+            [projection[0, 0] * width / 2, 0, (1 - projection[0, 2]) * width / 2],
+            [0, projection[1, 1] * height / 2, (1 + projection[1, 2]) * height / 2],
+            [0, 0, 1],
+        ]
+    )
+    return Camera(view, K, width, height, 100.0, DEFAULT_BACKGROUND)

@@ -1,0 +1,346 @@
+"""Training stages: debug presets run 2 steps and resume to 4, and each loss can reach one batch."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from encoder.capture import dataset
+from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
+from encoder.capture.speech.handling import HANDLING
+from encoder.denoiser.config import PRESETS
+from encoder.denoiser.diffusion import Schedule
+from encoder.denoiser.model import Denoiser
+from encoder.nn import checkpoint
+from encoder.training import loop, timesteps
+from encoder.training.centred import CentredEncoder
+from encoder.training.checkpoints import load_denoiser, load_encoder
+from encoder.training.clips import pick, stacked
+from encoder.training.distribution import dmd_loss, mouth_error
+from encoder.training.geometry import TrainingFace
+from encoder.training.stages import audio, diffusion, distill
+from encoder.training.streams import augment, streams
+from encoder.training.streams.whitening import Whitening
+from sensors.types import InputError
+
+pytestmark = pytest.mark.slow
+
+BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
+
+
+def vertices(codes: torch.Tensor) -> torch.Tensor:
+    return (codes @ torch.tensor(BASIS.T))[..., :30].unflatten(-1, (10, 3))
+
+
+def mouth(codes: torch.Tensor) -> torch.Tensor:
+    return torch.cat([codes[..., :128], torch.zeros_like(codes[..., 128:])], -1)
+
+
+FACE = TrainingFace(
+    lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices,
+    lambda codes: codes[..., :2], mouth,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Eight clips of tones: loud is open."""
+    folder, rng, clips = tmp_path_factory.mktemp("pack"), np.random.default_rng(0), []
+    for truth in ("rules", "tracked", "envelope", "rest") * 2:
+        level = np.clip(np.sin(np.arange(40) * 0.5 + rng.uniform(0, 6)), 0, 1)
+        level = level * (truth != "rest")
+        sound = np.repeat(level, 1600) * np.sin(np.arange(40 * 1600) * 0.05) * 0.3
+        rig = np.zeros((40, len(RIG_NAMES)))
+        rig[:, JAW_OPEN] = 0.4 * level
+        gaze = np.tile([0.0, 0.0, 1.0], (40, 2, 1))
+        phones = (level > 0.5).astype(int)
+        clips.append(dataset.make_clip(sound, rig, gaze, phones, truth=truth, voice="tone"))
+    shard = dataset.write_shard(folder / "shard_000.npz", clips)
+    dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
+    return folder
+
+
+def run_twice(stage: Any, config: Any, *rest: Any) -> None:
+    """Two steps, then resume to four."""
+    stage.run(replace(config, steps=2), *rest)
+    stage.run(replace(config, steps=4, run=replace(config.run, resume=True)), *rest)
+
+
+def settings(out: Path, name: str, **more: Any) -> dict[str, Any]:
+    return {"output": out / name, "run": loop.RunSettings(state=out / f"{name}_state"), **more}
+
+
+@pytest.fixture(scope="module")
+def stages(pack: Path) -> Path:
+    """The folder in which all stages ran their debug preset."""
+    out = pack / "out"
+    run_twice(audio, audio.preset("debug", **settings(out, "audio", pack=pack)))
+    made = streams.StreamConfig(
+        pack=pack, audio=out / "audio", output=out / "streams.npz", minutes=0.2, stream_frames=60
+    )
+    assert not streams.are_made(made)
+    streams.run(made)
+    assert streams.are_made(made) and not streams.are_made(replace(made, seed=1))
+    motion = {"streams": made.output}
+    run_twice(diffusion, diffusion.preset("debug", **settings(out, "teacher", **motion)), FACE)
+    regression = settings(out, "regression", objective="regression", **motion)
+    run_twice(diffusion, diffusion.preset("debug", **regression), FACE)
+    student = settings(out, "student", teacher=out / "teacher", **motion)
+    run_twice(distill, distill.preset("debug", **student), FACE)
+    return out
+
+
+@pytest.mark.parametrize(
+    "kind, name", [("diffusion", "teacher"), ("student", "student"), ("student", "regression")]
+)
+def test_stages_write_checkpoints_that_load(stages, kind, name):
+    model, card = load_denoiser(stages / name, kind)
+    assert card["steps"] == 4 and card["metrics"]["total"] > 0
+    assert card["curve"]["step"] == [1, 2, 3, 4] and len(card["curve"]["total"]) == 4
+    assert card["audio_sha256"] == checkpoint.load(stages / "audio", "audio")[1]["sha256"]
+    noise = torch.randn(1, 5, 256)
+    tau = torch.tensor([200])
+    x0 = model(noise, tau, torch.zeros(1, 5, model.config.audio_dim), torch.zeros(1, 5, 6))
+    assert x0.shape == (1, 5, 256) and x0.isfinite().all()
+
+
+def test_regression_is_deaf_to_noise(stages):
+    tau, gaze = torch.tensor([200]), torch.zeros(1, 5, 6)
+    for name, deaf in (("regression", True), ("student", False)):
+        model, _ = load_denoiser(stages / name, "student")
+        sound = torch.randn(1, 5, model.config.audio_dim)
+        a, b = (model(torch.randn(1, 5, 256), tau, sound, gaze) for _ in range(2))
+        assert torch.equal(a, b) is deaf
+
+
+def test_audio_stage_writes_an_encoder(stages):
+    encoder = load_encoder(stages / "audio")
+    assert stacked(encoder, torch.zeros(1, 1600)).shape[:2] == (1, 2)
+
+
+def test_an_encoder_can_be_trained_on_but_not_one_of_another_kind(stages, pack, tmp_path):
+    go_on = audio.preset("debug", **settings(tmp_path, "audio", pack=pack))
+    go_on = replace(go_on, start=stages / "audio", rate=0.0)
+    audio.run(go_on)
+    before, after = (load_encoder(p / "audio") for p in (stages, tmp_path))
+    torch.testing.assert_close(before.project.weight, after.project.weight, atol=1e-3, rtol=1e-3)
+    with pytest.raises(InputError, match="--start"):
+        audio.run(replace(go_on, centred=True))
+
+
+def test_the_centred_encoder_is_another_kind(pack, tmp_path):
+    out = tmp_path
+    config = audio.preset("debug", **settings(out, "audio", pack=pack))
+    audio.run(replace(config, centred=True, steps=1))
+    assert isinstance(load_encoder(out / "audio"), CentredEncoder)
+    with pytest.raises(InputError, match="kind 'audio'"):
+        checkpoint.load(out / "audio", "audio")
+
+
+@pytest.mark.parametrize(("truth", "share"), [("tracked", 0.25), ("rules", 0.1)])
+def test_few_tracked_voices_are_heard_more_often(pack, truth, share):
+    clip = next(dataset.iter_pack(pack))
+    clips = [replace(clip, voice="a")] * 90 + [replace(clip, voice="b")] * 10
+    rng = np.random.default_rng(0)
+    drawn = [pick(clips, truth, rng).voice for _ in range(800)]
+    assert np.mean([voice == "b" for voice in drawn]) == pytest.approx(share, abs=0.05)
+
+
+def test_streams_hold_matching_rows(stages):
+    data = streams.Streams.load(stages / "streams.npz", FACE)
+    codes, sound, gaze, weight = data.draw(3, 12, np.random.default_rng(0))
+    assert codes.shape == (3, 12, 256) and gaze.shape == (3, 12, 6) and sound.shape[:2] == (3, 12)
+    assert codes.std() > 0 and weight.shape == (3, 12)
+    now = np.arange(data.codes.shape[1], dtype=np.float32)[:, None]
+    counting = replace(data, features=np.stack([now] * len(data.codes)))
+    counting = replace(counting, codes=counting.features)
+    drawn, heard, _, _ = counting.draw(2, 10, np.random.default_rng(0), ahead=5)
+    assert torch.equal(heard, drawn + 5)
+
+
+def test_a_talker_who_is_left_out_is_in_no_window(stages):
+    data = streams.Streams.load(stages / "streams.npz", FACE, without=("tone",))
+    assert data.barred is not None and 0 < data.barred.mean() < 1
+    counting = replace(data, weight=data.barred.astype(np.float32))
+    for seed in range(20):
+        assert not counting.draw(3, 4, np.random.default_rng(seed))[3].any()
+    with pytest.raises(InputError, match="--leave-out: expected one of tone"):
+        streams.Streams.load(stages / "streams.npz", FACE, without=("nobody",))
+
+
+def test_folding_the_gaze_changes_no_output():
+    torch.manual_seed(0)
+    model = Denoiser(PRESETS["debug"])
+    torch.nn.init.normal_(model.blocks[0].modulate.weight, std=0.1)
+    x, gaze, audio = torch.randn(1, 4, 256), torch.randn(1, 4, 6), torch.randn(1, 4, 512)
+    tau, drop = torch.tensor([150]), torch.tensor([False])
+    scaled = (gaze - torch.tensor(streams.AHEAD)) * streams.GAZE_SCALE
+    keeps = ({}, {"keep_condition": drop})
+    before = [model(x, tau, audio, scaled, **keep) for keep in keeps]
+    diffusion.fold_gaze(model)
+    after = [model(x, tau, audio, gaze, **keep) for keep in keeps]
+    torch.testing.assert_close(before, after, atol=1e-5, rtol=1e-4)
+    diffusion.fold_gaze(model, inverse=True)
+    torch.testing.assert_close(before[0], model(x, tau, audio, scaled), atol=1e-5, rtol=1e-4)
+
+
+def test_whitening_makes_features_alike_and_folds_away():
+    torch.manual_seed(0)
+    features = torch.randn(3, 400, 16) @ torch.randn(16, 16) * torch.logspace(0, -1, 16) + 5
+    whitening = Whitening.of(features.numpy())
+    white = whitening(features).flatten(0, 1)
+    torch.testing.assert_close(white.mean(0), torch.zeros(16), atol=1e-3, rtol=0)
+    assert torch.cov(white.T).sub(torch.eye(16)).abs().max() < 0.6
+    assert torch.cov(white.T).diagonal().max() < 1.01
+
+    model = Denoiser(replace(PRESETS["debug"], audio_dim=16))
+    torch.nn.init.normal_(model.null_audio)
+    x, gaze, tau = torch.randn(3, 400, 256), torch.randn(3, 400, 6), torch.tensor([150])
+    keeps = ({}, {"keep_audio": torch.tensor([False] * 3)})
+    before = [model(x, tau, whitening(features), gaze, **keep) for keep in keeps]
+    whitening.fold(model)
+    after = [model(x, tau, features, gaze, **keep) for keep in keeps]
+    torch.testing.assert_close(before, after, atol=1e-4, rtol=1e-3)
+    whitening.fold(model, inverse=True)
+    again = model(x, tau, whitening(features), gaze)
+    torch.testing.assert_close(before[0], again, atol=1e-4, rtol=1e-3)
+
+
+def test_diffusion_overfits_one_batch(stages):
+    torch.manual_seed(0)
+    data = streams.Streams.load(stages / "streams.npz", FACE)
+    config = diffusion.preset(
+        "debug",
+        streams=stages,
+        output=stages,
+        run=loop.RunSettings(state=stages / "none"),
+        drop=0.0,
+        last_share=0.25,
+    )
+    sizes = replace(PRESETS["debug"], audio_dim=data.features.shape[-1])
+    model, schedule = Denoiser(sizes), Schedule()
+    diffusion.fit_scale(model, data.codes)
+    optimizer = loop.adamw({"model": model}, 3e-3)
+    batch = data.draw(4, 16, np.random.default_rng(0))
+    history = []
+    for step in range(150):
+        torch.manual_seed(step)
+        loss = diffusion.losses(model, batch, schedule, FACE, config)
+        optimizer.zero_grad()
+        loss["total"].backward()
+        optimizer.step()
+        history.append(float(loss["simple"].detach()))
+    assert np.mean(history[-10:]) < 0.35 * np.mean(history[:3])
+
+
+def test_dmd_gradient_points_to_the_teacher():
+    torch.manual_seed(0)
+    near, far = torch.full((1, 4, 256), 1.0), torch.zeros(1, 4, 256)
+
+    class Constant(torch.nn.Module):
+        def __init__(self, value: torch.Tensor) -> None:
+            super().__init__()
+            self.value = value
+
+        def forward(self, *_: object) -> torch.Tensor:
+            return self.value
+
+    z = torch.zeros(1, 4, 256, requires_grad=True)
+    none = torch.zeros(1, 4, 1)
+    dmd_loss(Constant(far), Constant(near), z, none, none, Schedule()).backward()
+    assert z.grad is not None and (z.grad < 0).all()  # a step down the gradient rises to 1
+
+
+def test_the_truth_holds_the_mouth_and_leaves_the_eyes_to_the_teacher():
+    student, codes, weight = Denoiser(PRESETS["debug"]), torch.zeros(1, 4, 256), torch.ones(1, 4)
+    student.expression_std.fill_(3.0)
+    z = torch.zeros(1, 4, 256)
+    z[..., 128:] = 1.0
+    assert mouth_error(student, z, codes, weight, FACE) == 0
+    z[..., :128] = 1.0
+    assert mouth_error(student, z, codes, weight, FACE) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("part, eyes_move", [("mouth", False), ("face", True)])
+def test_the_geometry_of_the_mouth_leaves_the_lids_alone(part, eyes_move, tmp_path):
+    """A mean of blinks is none: what the truth's lids do is the teacher's to say."""
+    student, generator = Denoiser(PRESETS["debug"]), torch.Generator().manual_seed(0)
+    codes, noise = torch.randn(2, 1, 8, 256, generator=generator)
+    sound, gaze = torch.zeros(1, 8, student.config.audio_dim), torch.zeros(1, 8, 6)
+    paths = {"streams": tmp_path, "teacher": tmp_path}
+    config = distill.preset("debug", **settings(tmp_path, "student", **paths))
+    config = replace(config, geometry_of=part, truth_weight=0.0, dmd_weight=0.0)
+    sample = (noise, 200, codes, sound, gaze, torch.ones(1, 8), torch.zeros_like(codes))
+    shown = torch.zeros_like(codes, requires_grad=True)
+    student.forward = lambda *_: shown  # type: ignore[method-assign]
+    parts = distill.losses(student, student, sample, Schedule(), FACE, config)
+    (parts["total"] - parts["distill"]).backward()
+    assert shown.grad is not None and shown.grad[..., :128].abs().max() > 0
+    assert bool(shown.grad[..., 128:].abs().max() > 0) is eyes_move
+
+
+def test_dmd_ends_where_the_student_is_trained_at_tau_n_alone(stages, tmp_path, monkeypatch):
+    monkeypatch.setattr(distill, "phase_at", lambda *_: 4)
+    motion = {"streams": stages / "streams.npz", "teacher": stages / "teacher"}
+    for end, kept in ((False, False), (True, True)):
+        config = distill.preset("debug", **settings(tmp_path, "student", **motion))
+        metrics = distill.run(replace(config, dmd_to_end=end), FACE)
+        assert ("dmd" in metrics) is kept
+
+
+def test_tau_moves_from_four_steps_to_one_in_four_updates():
+    rng = np.random.default_rng(0)
+    first = {round(timesteps.draw_tau(0, 200, rng) / 50) for _ in range(100)}
+    last = {timesteps.draw_tau(4, 200, rng) for _ in range(100)}
+    assert first == {1, 2, 3, 4}
+    assert last <= {199, 200}
+    assert all(timesteps.beta(phase).sum() == pytest.approx(1) for phase in range(5))
+    config = distill.preset(
+        "paper", streams=Path(), teacher=Path(), output=Path(), run=loop.RunSettings(state=Path())
+    )
+    assert [distill.phase_at(step, config) for step in (0, 1999, 2000, 7999, 8000, 24_999)] == [
+        0, 0, 1, 3, 4, 4,
+    ]  # fmt: skip
+
+
+def test_distortion_is_causal_enough_and_bounded():
+    """A burst may not be heard before it: room and noise start at or after the direct sound."""
+    rng = np.random.default_rng(0)
+    clean = np.zeros(8000)
+    clean[4000:] = 0.5
+    for _ in range(20):
+        heard = augment.room(clean, rng)
+        assert np.abs(heard[:4000]).max() < 1e-9
+    assert np.abs(augment.distort(clean, rng)).max() <= 1
+
+
+@pytest.mark.parametrize("make", [augment.noise, augment.music, augment.clicks, *HANDLING[1:]])
+def test_sounds_that_are_no_speech_have_unit_level(make):
+    sound = make(24_000, np.random.default_rng(0))
+    assert sound.shape == (24_000,) and sound.std() == pytest.approx(1)
+
+
+def test_not_speech_is_bounded_and_sometimes_silent():
+    sounds = [augment.not_speech(4800, np.random.default_rng(k)) for k in range(30)]
+    assert max(float(np.abs(x).max()) for x in sounds) <= 1
+    assert any(not x.any() for x in sounds) and any(x.any() for x in sounds)
+
+
+def test_some_streams_are_heard_by_a_good_microphone(pack, monkeypatch):
+    distortions, crop = set[float](), streams.crop
+
+    def watched(clip, frames, rng, p):
+        distortions.add(p)
+        return crop(clip, frames, rng, p)
+
+    monkeypatch.setattr(streams, "crop", watched)
+    groups = {"rules": streams.grouped(pack, "train")["rules"]}
+    config = streams.StreamConfig(
+        pack=pack, audio=pack, output=pack, stream_frames=30, clean_streams=0.5
+    )
+    for seed in range(12):
+        streams.draw_stream(groups, config, np.random.default_rng(seed))
+    assert distortions == {0.0, 0.3}

@@ -1,0 +1,123 @@
+"""The loop under every stage: resuming, averages, damaged states, two processes, half precision."""
+
+import os
+import runpy
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from safetensors.torch import load_file
+from torch import nn
+
+from encoder.training import loop
+from sensors.types import InputError
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[3]
+
+
+def make() -> dict[str, nn.Module]:
+    torch.manual_seed(0)
+    return {"net": nn.Linear(3, 1)}
+
+
+def train(
+    modules: dict[str, nn.Module], run: loop.RunSettings, stop: int = 6, steps: int = 6
+) -> None:
+    def step_losses(step: int, rng: np.random.Generator) -> loop.Losses:
+        if step >= stop:
+            raise KeyboardInterrupt
+        x = torch.randn(4, 3) + torch.tensor(rng.standard_normal(3), dtype=torch.float32)
+        return {"total": (modules["net"](x) - x.sum(-1, keepdim=True)).square().mean()}
+
+    loop.train("test", modules, step_losses, steps=steps, rate=0.1, run=run)
+
+
+def test_resuming_equals_an_unbroken_run(tmp_path):
+    whole, broken, resumed = make(), make(), make()
+    train(whole, loop.RunSettings(state=tmp_path / "whole"))
+    run = loop.RunSettings(state=tmp_path / "broken")
+    with pytest.raises(KeyboardInterrupt):
+        train(broken, run, stop=3)
+    train(resumed, replace(run, resume=True))
+    torch.testing.assert_close(resumed["net"].state_dict(), whole["net"].state_dict())
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["broken.safetensors", "whole.safetensors"]
+
+
+def test_what_is_left_is_the_average(tmp_path):
+    modules = make()
+    train(modules, loop.RunSettings(state=tmp_path / "state", average=0.5), steps=40, stop=40)
+    last = load_file(tmp_path / "state.safetensors")
+    assert torch.equal(modules["net"].weight, last["average/0"])
+    assert not torch.equal(last["average/0"], last["net/weight"])
+
+
+def test_resume_without_a_state_says_what_to_do(tmp_path):
+    with pytest.raises(InputError, match="without --resume"):
+        train(make(), loop.RunSettings(state=tmp_path / "none", resume=True))
+    (tmp_path / "bad.safetensors").write_bytes(b"\x08\0\0\0\0\0\0\0garbage!")
+    with pytest.raises(InputError, match="without --resume"):
+        train(make(), loop.RunSettings(state=tmp_path / "bad", resume=True))
+
+
+def test_half_precision_trains_and_keeps_full_weights(tmp_path):
+    modules = make()
+    run = loop.RunSettings(state=tmp_path / "state", precision="bfloat16")
+    train(modules, run, steps=200, stop=200)
+    assert modules["net"].weight.dtype == torch.float32
+    assert (modules["net"].weight - 1).abs().max() < 0.1
+
+
+WORKER = """
+import os, sys
+from pathlib import Path
+import numpy as np, torch
+from encoder.training import loop
+
+rank = int(os.environ.get("RANK", "0"))
+both = "RANK" not in os.environ
+torch.manual_seed(0)
+net = {"net": torch.nn.Linear(3, 1)}
+
+def draw(step, rank):
+    x = np.random.default_rng([step, rank]).standard_normal((4, 3))
+    return torch.tensor(x, dtype=torch.float32)
+
+def step_losses(step, rng):
+    x = torch.cat([draw(step, 0), draw(step, 1)]) if both else draw(step, rank)
+    return {"total": (net["net"](x) - x.sum(-1, keepdim=True)).square().mean()}
+
+out = Path(sys.argv[1])
+run = loop.RunSettings(state=out / f"s{rank}_{both}")
+loop.train("test", net, step_losses, steps=5, rate=0.1, run=run)
+np.save(out / f"weights_{rank}_{both}.npy", net["net"].weight.detach().numpy())
+"""
+
+
+def test_two_processes_take_the_step_of_the_whole_batch(tmp_path, monkeypatch):
+    """torchrun with gloo: both processes end with the weights of one that sees both batches."""
+    script = tmp_path / "worker.py"
+    script.write_text(WORKER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    launcher = [
+        "-m", "torch.distributed.run", "--nproc-per-node=2", "--master-addr=127.0.0.1",
+        "--master-port=0", "--rdzv-backend=c10d", "--rdzv-endpoint=127.0.0.1:0",
+    ]  # fmt: skip
+    subprocess.run(
+        [sys.executable, *launcher, str(script), str(tmp_path)],
+        check=True, env=environment, capture_output=True, timeout=120,
+    )  # fmt: skip
+    monkeypatch.setattr(sys, "argv", [str(script), str(tmp_path)])
+    runpy.run_path(str(script))
+    first, second, alone = (
+        np.load(tmp_path / f"weights_{name}.npy") for name in ("0_False", "1_False", "0_True")
+    )
+    assert np.array_equal(first, second)
+    np.testing.assert_allclose(first, alone, atol=1e-6)
+    states = {p.name for p in tmp_path.glob("s*.safetensors")}
+    assert states == {"s0_False.safetensors", "s0_True.safetensors"}

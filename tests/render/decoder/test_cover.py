@@ -1,0 +1,180 @@
+"""Shut lids hide the eyes, and eyes seen near have no holes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.ndimage import binary_erosion
+
+from render import cameras
+from render.avatars import sheet
+from render.decoder import identity, prior_file
+from render.decoder import lines as contact
+from render.decoder.cover import bared, spacing
+from render.decoder.decoder import Decoder
+from render.decoder.learned import weights_file
+from render.types import Camera, Gaussians
+
+SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder.load()
+
+
+def near(who: identity.Identity, eye: int) -> Camera:
+    """A camera that sees one eye only, five times larger than a portrait does."""
+    x, y, z = (float(v) for v in who.eye_centers[eye])
+    camera = cameras.portrait(SIZE_PX, SIZE_PX, target_mm=(x, y, z))
+    K = camera.K.copy()
+    K[0, 0] = K[1, 1] = SIZE_PX * DISTANCE_MM / SPAN_MM
+    return replace(camera, K=K, background=(0.0, 0.0, 0.0))
+
+
+def eyes(decoder: Decoder) -> np.ndarray:  # [N]
+    on_eye = np.isin(decoder.surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)
+    return decoder.surface.interpolate @ on_eye > 0.99
+
+
+def painted(decoder: Decoder, who: identity.Identity, pose: str, color: float) -> Gaussians:
+    """The head without the eyes' highlights, its eyeballs in one colour."""
+    cloud = sheet.posed(decoder, who, pose)
+    count = len(decoder.surface.scales)
+    cloud.opacities[count : count + 2] = 0
+    cloud.colors[:count][eyes(decoder)] = color
+    return cloud
+
+
+@pytest.mark.parametrize("name", ["ada", "kofi"])
+def test_a_shut_lid_hides_the_eye(decoder, tiles, name):
+    who = identity.load(name)
+    for eye in range(2):
+        pictures = []
+        for color in (0.0, 1.0):
+            tiles.draw(painted(decoder, who, "blink", color), near(who, eye))
+            pictures.append(tiles.read_rgba()[..., :3].astype(int))
+        shines_through = np.abs(pictures[1] - pictures[0]).max(2) / 255
+        assert np.quantile(shines_through, 0.99) < 0.22
+
+
+def test_what_a_lid_covers_takes_its_colour(decoder):
+    """A fifth of the eye shines through a shut lid: as skin."""
+    who = identity.load("kofi")
+    shut, opened = (sheet.posed(decoder, who, pose).colors for pose in ("blink", "neutral"))
+    skin = np.isin(decoder.surface.used, decoder.regions["eyelids"]).astype(np.float32)
+    lids = shut[: len(decoder.opacities)][decoder.surface.interpolate @ skin > 0.99]
+    for eyeball, line in zip(decoder.eyeballs, decoder.posing.lid_lines, strict=True):
+        members = np.isin(decoder.surface.used, eyeball).astype(np.float32)
+        eye = np.flatnonzero(decoder.surface.interpolate @ members > 0.99)
+        places = (decoder.surface.interpolate @ who.geometry[decoder.surface.used])[eye]
+        shows = eye[line.between_sides(who.geometry, places) & (places[:, 2] > places[:, 2].mean())]
+        assert np.ptp(opened[shows].mean(1)) > 0.5 and len(shows) > 200  # pupil and white
+        assert np.median(np.abs(shut[shows] - lids.mean(0))) < 0.03
+
+
+@pytest.mark.parametrize("yaw, pitch", [(0, 0), (-60, 0), (35, 0), (0, 20), (0, -20)])
+def test_no_view_shows_skin_on_an_eye(decoder, tiles, monkeypatch, yaw, pitch):
+    who, pictures = identity.load("kofi"), []
+    camera = near(who, 1)
+    turned = cameras.portrait(
+        SIZE_PX, SIZE_PX, yaw, pitch, target_mm=tuple(who.eye_centers[1].tolist())
+    )
+    for edges in (contact.VEILED_MM, (np.float32(1e3), np.float32(2e3))):  # with and without
+        monkeypatch.setattr(contact, "VEILED_MM", edges)
+        for looking in (sheet.gaze(20, 0), sheet.gaze(-20, 10)):
+            cloud = decoder.decode(sheet.code(decoder, {"eyeWide_R": 0.5}), looking, who)[1]
+            tiles.draw(cloud, replace(camera, viewmat=turned.viewmat))
+            pictures.append(tiles.read_rgba()[..., :3].astype(int))
+    for veiled, bare in zip(pictures[:2], pictures[2:], strict=True):
+        assert np.quantile(np.abs(veiled - bare).max(2), 0.995) < 40
+
+
+def test_an_eye_seen_near_has_no_holes(decoder, tiles):
+    who = identity.load("ben")
+    cloud = painted(decoder, who, "neutral", 1.0)
+    rows = np.flatnonzero(eyes(decoder))
+    bare = Gaussians(
+        cloud.means[rows], cloud.quats[rows], cloud.scales[rows],
+        cloud.opacities[rows], cloud.colors[rows],
+    )  # fmt: skip
+    for eye in range(2):
+        tiles.draw(bare, near(who, eye))
+        # The middle of the picture is the iris and some white around it.
+        middle = tiles.read_rgba()[96:160, 80:176, 0] / 255
+        assert middle.min() > 0.7 and middle.mean() > 0.93
+
+
+def test_ears_and_nape_have_no_holes(decoder, tiles):
+    who = identity.load("hugo")
+    cloud = sheet.posed(decoder, who, "neutral")
+    face = np.isin(decoder.surface.used, decoder.regions["narrow_face"]).astype(np.float32)
+    off_face = np.flatnonzero(decoder.surface.interpolate @ face == 0)
+    cloud.colors[:] = 0
+    cloud.colors[off_face] = 1
+    camera = replace(cameras.portrait(400, 400, yaw_deg=100), background=(0.0, 0.0, 0.0))
+    tiles.draw(cloud, camera)
+    picture = tiles.read_rgba()[..., 0] / 255
+    tiles.draw(replace(cloud, scales=3 * cloud.scales), camera)
+    inside = binary_erosion(tiles.read_rgba()[..., 0] > 250, iterations=8)
+    assert inside.sum() > 20_000
+    assert np.quantile(picture[inside], 0.01) > 0.65
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_an_eye_that_turns_brings_out_no_darkness(decoder, name):
+    """Light follows the expression, not the look: what lids hide at rest must be lit as well."""
+    who = identity.load(name)
+    for shows, hidden in bared(decoder.posing, who.geometry):
+        arm = who.geometry[hidden] - who.geometry[[*shows, *hidden]].mean(0)
+        near = hidden[arm[:, 2] > 0.75 * np.linalg.norm(arm, axis=1)]  # a look brings it out
+        shown, covered = (np.isin(decoder.surface.used, v) for v in (shows, near))
+        assert np.count_nonzero(covered) > 20 and who.visibility[:2, covered].min() > 0.6
+        assert np.ptp(who.visibility[0, shown]) > 0.2  # what shows keeps the shadow of the lids
+
+
+def test_no_expression_darkens_what_lids_hide(decoder):
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    who, blink = identity.load("ben"), {"eyeBlink_L": 1.0, "eyeBlink_R": 1.0}
+    seen = decoder.visibility(sheet.code(decoder, blink), who)
+    for shows, hidden in bared(decoder.posing, prior_file.template(tensors)):
+        shown, covered = (np.isin(decoder.surface.used, v) for v in (shows, hidden))
+        np.testing.assert_allclose(seen[:, covered], who.visibility[:, covered], atol=1e-6)
+        assert np.abs(seen[:, shown] - who.visibility[:, shown]).max() > 0.2
+
+
+def test_the_pupil_shows_and_the_back_of_the_eye_does_not(decoder):
+    who = identity.load("chen")
+    for eye, (shows, hidden) in enumerate(bared(decoder.posing, who.geometry)):
+        members = decoder.eyeballs[eye]
+        front, back = (members[pick(who.geometry[members, 2])] for pick in (np.argmax, np.argmin))
+        assert front in shows and back in hidden and len(shows) + len(hidden) == len(members)
+
+
+def test_spacing_is_the_distance_to_the_neighbours():
+    grid = np.stack(np.meshgrid(*[np.arange(5) * 2.0] * 2), -1).reshape(-1, 2)
+    points = np.c_[grid, np.zeros(25)].astype(np.float32)
+    assert spacing(points)[12] == pytest.approx(2.0)
+
+
+def test_the_bust_ends_in_a_fade(decoder):
+    """The lower edge of the mesh shows nothing; the neckline is covered."""
+    cloud = sheet.posed(decoder, identity.load("ada"), "neutral")
+    count = len(decoder.opacities)
+    height, opacities = cloud.means[:count, 1], cloud.opacities[:count]
+    low, neck = height < -181, np.abs(height + 130) < 5
+    assert low.sum() > 2 and opacities[low].max() < 0.7
+    assert np.median(opacities[neck]) > 0.9
+
+
+def test_only_teeth_in_front_are_drawn(decoder):
+    """From inside molars would be slivers: the fit never saw them so."""
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    mesh, head = prior_file.template(tensors), decoder.surface
+    on_teeth = np.zeros(len(head.used), np.float32)
+    on_teeth[tensors["teeth_rows"]] = 1
+    rows = head.interpolate @ on_teeth > 0.99
+    points = head.interpolate @ mesh[head.used]
+    for side in (points[:, 1] < -34, points[:, 1] > -33):
+        opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
+        assert opacities[depth < 80].max() == 0 and np.median(opacities[depth > 101]) > 0.5

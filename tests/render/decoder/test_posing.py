@@ -1,0 +1,150 @@
+"""Contact of lips and lids, on faces and expressions the rig was not made for."""
+
+import numpy as np
+import pytest
+
+from render.avatars.sheet import gaze
+from render.decoder import identity, posing
+from render.decoder.decoder import HIGHLIGHT_OPACITY, Decoder
+from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
+from render.types import AHEAD
+
+COLUMNS = 55  # 53 shapes of the rig and 2 of the tongue
+
+
+@pytest.fixture(scope="module")
+def decoder() -> Decoder:
+    return Decoder.load()
+
+
+def rig_of(decoder: Decoder, **activations: float) -> np.ndarray:
+    rig = np.zeros(COLUMNS, np.float32)
+    for name, value in activations.items():
+        rig[decoder.rig_names.index(name)] = value
+    return rig
+
+
+def strange_face(seed: int) -> np.ndarray:
+    """Ben, bent: lips apart or crossed by millimetres, eyes wider open."""
+    rng = np.random.default_rng(seed)
+    rest = identity.load("ben").geometry.copy()
+    waves = np.sin(rest / rng.uniform(20, 40, 3) + rng.uniform(0, 6, 3))
+    return rest + waves @ rng.normal(0, 0.9, (3, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lips_of_any_face_are_sealed_at_rest(decoder, seed):
+    rest = decoder.posing.rest(strange_face(seed).astype(np.float32))
+    gaps = decoder.posing.mouth.gaps(rest.geometry)
+    assert np.abs(gaps - TOUCH_MM).max() < 0.15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_lids_of_any_face_shut(decoder, seed):
+    rest = decoder.posing.rest(strange_face(seed).astype(np.float32))
+    shut = decoder.posing.pose(rig_of(decoder, eyeBlink_L=1, eyeBlink_R=1), AHEAD, rest)
+    open_ = decoder.posing.pose(rig_of(decoder), AHEAD, rest)
+    for line in decoder.posing.lid_lines:
+        assert line.gaps(shut).max() < 0.5 and line.gaps(shut).min() > -0.3
+        assert line.gaps(open_).max() > 4
+
+
+def test_lips_never_cross(decoder):
+    rest = identity.load("ada").rest
+    rng = np.random.default_rng(0)
+    for _ in range(30):
+        rig = np.zeros(COLUMNS, np.float32)
+        rig[rng.choice(53, 8)] = rng.uniform(0.3, 1, 8)
+        posed = decoder.posing.pose(rig, AHEAD, rest)
+        assert decoder.posing.mouth.gaps(posed).min() > -0.3
+
+
+def test_closing_the_mouth_only_undoes_the_jaw(decoder):
+    """mouthClose without jawOpen would drive the lips through each other."""
+    rest = identity.load("ben").rest
+    posed = decoder.posing.pose(rig_of(decoder, mouthClose=1.0), AHEAD, rest)
+    assert np.abs(posed - rest.geometry).max() < 3.0
+
+
+def test_lids_stay_outside_the_eyeball(decoder):
+    rest = identity.load("kofi").rest
+    for blink in (0.25, 0.5, 0.75, 1.0):
+        rig = rig_of(decoder, eyeBlink_L=blink, eyeBlink_R=blink)
+        posed = decoder.posing.pose(rig, AHEAD, rest)
+        for eye, lids in enumerate(decoder.posing.lids):
+            distance = np.linalg.norm(posed[lids] - rest.eye_centers[eye], axis=1)
+            assert (distance - rest.reach[eye]).min() > -0.8
+
+
+def test_limit_keeps_what_is_plausible_and_draws_in_the_rest():
+    rig = np.float32([-3, -0.05, 0, 0.4, 1, 1.05, 9])
+    out = limit(rig)
+    np.testing.assert_array_equal(out[1:6], rig[1:6])
+    assert SOFT_LIMIT[0] - OVERSHOOT <= out[0] < -0.1 and 1.1 < out[6] <= SOFT_LIMIT[1] + OVERSHOOT
+
+
+def test_any_sample_of_the_prior_is_a_face(decoder):
+    """Codes from a Gaussian: nothing explodes, most of the face moves by millimetres."""
+    who = identity.load("ben")
+    for seed in range(20):
+        code = decoder.sample(np.random.default_rng(seed))
+        moved = np.linalg.norm(decoder.vertices(code, AHEAD, who) - who.geometry, axis=1)
+        assert moved.max() < 45 and np.median(moved) < 6
+
+
+def test_the_highlight_stays_on_the_cornea(decoder):
+    who = identity.load("ben")
+    for direction in (AHEAD, gaze(25, 0), gaze(-10, 15)):
+        _, cloud = decoder.decode(np.zeros(256, np.float32), direction, who)
+        spots = cloud.means[len(decoder.opacities) : len(decoder.opacities) + 2]
+        distance = np.linalg.norm(spots - who.eye_centers, axis=1)
+        assert (abs(distance - 16.5) < 1.6).all()
+    assert posing.gaze_rotation(AHEAD[0]).shape == (3, 3)
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_a_lid_covers_the_highlight(decoder, name):
+    """It lies before the cornea, and so before the lid that slides over it."""
+    who = identity.load(name)
+    shares = []
+    for blink in np.linspace(0, 1, 21):
+        rig = rig_of(decoder, eyeBlink_L=blink, eyeBlink_R=blink)
+        _, cloud = decoder.decode(decoder.encode(rig), AHEAD, who)
+        shares.append(
+            cloud.opacities[len(decoder.opacities) : len(decoder.opacities) + 2] / HIGHLIGHT_OPACITY
+        )
+    shares = np.array(shares)
+    assert shares[0].min() > 0.5 and shares[12:].max() == 0
+    assert (np.diff(shares, axis=0) <= 0).all()
+
+
+def test_the_highlight_fades_where_the_edge_of_the_lid_is(decoder):
+    who = identity.load("kofi")
+    for looking, blink in ((AHEAD, 0.28), (gaze(20, 0), 0.28), (gaze(0, -12), 0.5)):
+        rig = rig_of(decoder, eyeBlink_L=blink, eyeBlink_R=blink)
+        mesh, cloud = decoder.decode(decoder.encode(rig), looking, who)
+        for eye, line in enumerate(decoder.posing.lid_lines):
+            spot = cloud.means[len(decoder.opacities) + eye]
+            edge = mesh.vertices[line.upper]
+            near = edge[np.argsort(np.abs(edge[:, 0] - spot[0]))[:4], 1].mean()
+            bare = near - spot[1]
+            share = cloud.opacities[len(decoder.opacities) + eye] / HIGHLIGHT_OPACITY
+            assert share == pytest.approx(np.clip((bare + 0.3) / 0.9, 0, 1), abs=0.4)
+
+
+def test_the_inside_of_a_closed_mouth_is_not_drawn(decoder):
+    who = identity.load("ben")
+    shut = decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1]
+    opened = decoder.decode(decoder.encode(rig_of(decoder, jawOpen=0.7)), AHEAD, who)[1]
+    assert shut.opacities[decoder.interior].max() == 0
+    assert opened.opacities[decoder.interior].mean() > 0.3
+
+
+def test_light_follows_the_expression(decoder):
+    """An open mouth lets light in: the learned part of the decoder."""
+    who = identity.load("ben")
+    tongue = np.isin(decoder.surface.used, np.arange(14062, 17039))
+    still = decoder.visibility(np.zeros(256, np.float32), who)
+    np.testing.assert_allclose(still, who.visibility, atol=1e-6)
+    opened = decoder.visibility(decoder.encode(rig_of(decoder, jawOpen=0.8)), who)
+    assert opened[0, tongue].mean() > still[0, tongue].mean() + 0.008

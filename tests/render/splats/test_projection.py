@@ -1,0 +1,70 @@
+"""What the projection keeps, in which order, and the tiles that it names."""
+
+from dataclasses import replace
+
+import numpy as np
+from scenes import head_scene, join, single, take
+
+from render.cameras import portrait
+from render.splats import reference
+from render.splats.projector import Projector
+from render.splats.tile_pairs import bin_splats
+
+CAMERA = portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)
+
+
+def hard_scene():
+    """A head, and what is behind, outside, huge, or broken."""
+    far = single((900.0, 15.0, 0.0), 150.0, 0.9, (0.1, 0.9, 0.2))
+    behind, huge = replace(far, means=far.means * 0 + 5e3), replace(far, scales=far.scales * 9)
+    return join(head_scene(3000), far, behind, huge, replace(far, quats=far.quats * np.nan))
+
+
+def test_the_order_is_that_of_depth():
+    scene = hard_scene()
+    projector = Projector()
+    order = projector.run(scene, CAMERA)
+    assert projector.dropped == 1 and 1000 < len(order) < len(scene) - 2
+    depths = scene.means[order] @ CAMERA.viewmat[2, :3]
+    assert (np.diff(depths) >= -1e-3).all()
+
+
+def test_a_splat_is_dealt_to_the_tiles_that_its_pixels_lie_in_and_to_few_others():
+    scene, size = take(head_scene(3000), np.arange(0, 3000, 15)), (26, 17)
+    scene = replace(scene, scales=scene.scales * np.float32(2.5))
+    projector = Projector()
+    order = projector.run(scene, CAMERA)
+    pairs = bin_splats(projector.boxes, order, size, projector.reached_tiles())
+    dealt = np.zeros((len(scene), size[0] * size[1]), np.bool_)
+    dealt[pairs.splats, np.repeat(np.arange(size[0] * size[1]), np.diff(pairs.starts))] = True
+    seen = np.zeros_like(dealt)
+    for index in range(len(scene)):
+        splat = reference.project(take(scene, np.array([index])), CAMERA)
+        _, coverage = reference.blend(splat, CAMERA)
+        y, x = np.nonzero(coverage)
+        seen[index, y // 8 * size[0] + x // 8] = True
+    assert seen.sum() > 1000
+    assert not (seen & ~dealt).any()
+    assert dealt.sum() <= 1.05 * seen.sum()
+
+
+def test_a_lobe_shines_where_the_lamp_mirrors():
+    """Towards the viewer that the key light mirrors to, and to nobody behind; colours stay."""
+    from render.lighting import KEY, STUDIO
+    from render.splats.shine import colors_from
+    from render.types import Gaussians, Shine
+
+    normal = KEY.towards + (0, 0, 1)
+    normal = (normal / np.linalg.norm(normal)).astype(np.float32)
+    quats = np.array([[1.0001 + normal[2], -normal[1], normal[0], 0]] * 2, np.float32)
+    means, ones = np.zeros((2, 3), np.float32), np.ones((2, 3), np.float32)
+    weights = np.array([[1, 1, 1, 1]], np.float32)
+    shine = Shine(weights, np.array([0.3], np.float32), STUDIO.colors)
+    cloud = Gaussians(means, quats, ones, ones[:, 0], 0.3 * ones, shine)
+    ahead, side, behind = (
+        colors_from(cloud, np.array(at)) for at in ((0, 0, 900), (600, 0, 670), (0, 0, -900))
+    )
+    assert ahead[0].min() > 0.45 and ahead[0].mean() > side[0].mean() + 0.1
+    np.testing.assert_allclose(behind, 0.3)
+    np.testing.assert_allclose(ahead[1], 0.3)  # only the first has a lobe
+    np.testing.assert_array_equal(cloud.colors, 0.3 * ones)

@@ -1,0 +1,61 @@
+"""Splats are dealt to tiles in the order of depth, as far as their rows say."""
+
+import numpy as np
+
+from render.splats.tile_kernels import WHOLE
+from render.splats.tile_pairs import bin_splats
+
+
+def boxes_of(corners):
+    x0, y0, x1, y1 = np.array(corners, np.uint32).T
+    return np.stack([x0 | y0 << 16, x1 | y1 << 16], 1)
+
+
+def lists(pairs):
+    return [list(part) for part in np.split(pairs.splats, pairs.starts[1:-1])]
+
+
+def first_to_last(count):
+    return np.arange(count, dtype=np.uint32)
+
+
+def test_boxes_reach_every_tile_of_theirs_nearest_first():
+    pairs = bin_splats(
+        boxes_of([(1, 0, 3, 2), (0, 0, 2, 1), (2, 1, 3, 2)]), first_to_last(3), (3, 2)
+    )
+    assert lists(pairs) == [[1], [0, 1], [0], [], [0], [0, 2]]
+
+
+def test_lists_hold_the_numbers_of_those_in_the_order():
+    boxes = boxes_of([(0, 0, 2, 1), (0, 0, 1, 1), (1, 0, 2, 1)])
+    pairs = bin_splats(boxes, np.array([2, 0], np.uint32), (2, 1))
+    assert lists(pairs) == [[0], [2, 0]]
+
+
+def test_rows_leave_out_what_the_ellipse_misses():
+    rows = np.zeros((2, 8), np.uint8)
+    rows[0, :3] = 1 << 4 | 1, 0 << 4 | 3, 1 << 4 | 1  # a diamond
+    rows[1] = WHOLE
+    pairs = bin_splats(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), first_to_last(2), (3, 3), rows)
+    assert lists(pairs) == [[], [0], [], [0], [0], [0], [], [0], [1]]
+
+
+def test_random_boxes_equal_a_loop():
+    rng = np.random.default_rng(0)
+    low = rng.integers(0, 30, (500, 2))
+    high = low + rng.integers(1, 12, (500, 2))
+    expected = [[] for _ in range(42 * 42)]
+    for m, ((x0, y0), (x1, y1)) in enumerate(zip(low, high, strict=True)):
+        for y in range(y0, y1):
+            for x in range(x0, x1):
+                expected[y * 42 + x].append(m)
+    assert lists(bin_splats(boxes_of(np.c_[low, high]), first_to_last(500), (42, 42))) == expected
+
+
+def test_no_splats_give_empty_lists():
+    assert lists(bin_splats(np.zeros((0, 2), np.uint32), first_to_last(0), (2, 2))) == [
+        [],
+        [],
+        [],
+        [],
+    ]

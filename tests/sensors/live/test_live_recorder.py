@@ -1,0 +1,99 @@
+"""LiveRecorder: all packets on disk; a disk that fails costs one line and no driving."""
+
+import resource
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from material import packets, same_packet
+
+from sensors.live.recorder import LiveRecorder
+from sensors.session.files import export
+from sensors.session.recording import Recording
+from sensors.types import InputError
+
+
+def recorder(folder: Path, told: list[str]) -> LiveRecorder:
+    return LiveRecorder(folder, created="", devices={"audio": "mic"}, tell=told.append)
+
+
+def test_what_is_appended_is_recorded(tmp_path: Path) -> None:
+    sent, told = packets(0.4), list[str]()
+    tape = recorder(tmp_path / "s", told)
+    for packet in sent:
+        tape.append(packet)
+    tape.close()
+    tape.close()
+    assert told == []
+    with Recording(tmp_path / "s") as recording:
+        assert recording.card["closed"] is True
+        got = [recording.packet(entry) for entry in recording.entries]
+    assert all(b is not None and same_packet(a, b) for a, b in zip(sent, got, strict=True))
+
+
+def test_recordings_belong_to_their_owner_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    tape = recorder(folder, [])
+    for packet in packets(0.1):
+        tape.append(packet)
+    tape.close()
+    export(folder, tmp_path / "out.mkv")
+    for path in [*folder.iterdir(), tmp_path / "out.mkv"]:
+        assert stat.S_IMODE(path.stat().st_mode) == 0o600, path
+    assert stat.S_IMODE(folder.stat().st_mode) == 0o700
+
+
+def test_a_folder_that_cannot_be_written_costs_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    told: list[str] = []
+    tape = recorder(tmp_path / "file" / "s", told)
+    for packet in packets(0.1):
+        tape.append(packet)
+    tape.close()
+    assert len(told) == 1
+    assert "driving goes on" in told[0]
+    assert tape.problem
+
+
+def test_a_used_folder_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="new or empty"):
+        recorder(tmp_path, [])
+
+
+FULL_DISK = """
+import resource, signal, sys
+from pathlib import Path
+from material import packets
+from sensors.live.recorder import LiveRecorder
+resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))
+told = []
+tape = LiveRecorder(Path(sys.argv[1]), created="", devices={}, tell=told.append)
+for packet in packets(2.0):
+    tape.append(packet)
+tape.close()
+assert len(told) == 1, told
+assert tape.problem
+print("drove on")
+"""
+
+
+def test_a_full_disk_stops_the_recording_and_keeps_what_was_written(tmp_path: Path) -> None:
+    """A limit on file sizes makes real writes fail in the middle, for libsndfile's and FFmpeg's."""
+    here = Path(__file__)
+    path = f"{here.parents[1]}:{here.parents[3]}"
+    done = subprocess.run(
+        [sys.executable, "-c", FULL_DISK, str(tmp_path / "s")],
+        env={"PYTHONPATH": path, "PATH": "/usr/bin:/bin"},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.stdout == "drove on\n", done.stderr
+    with Recording(tmp_path / "s") as recording:
+        assert recording.card["repaired"]
+        assert len(recording.entries) > 5
+        assert all(recording.packet(entry) is not None for entry in recording.entries)
+    assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] != 1_000_000

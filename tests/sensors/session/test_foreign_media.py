@@ -1,0 +1,81 @@
+"""Media as people have them: phone sound, both eyes in one video; folders with files of others."""
+
+from pathlib import Path
+
+import av
+import numpy as np
+import pytest
+
+from sensors.session import files as session
+from sensors.session.recording import Recording
+from sensors.types import SAMPLE_RATE, InputError
+
+SECONDS = 2
+
+
+def phone_sound(path: Path, codec: str) -> Path:
+    """Two seconds of 300 Hz as a phone writes it."""
+    t = np.arange(SECONDS * SAMPLE_RATE) / SAMPLE_RATE
+    tone = (0.3 * np.sin(2 * np.pi * 300 * t)).astype(np.float32)
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream(codec, rate=SAMPLE_RATE)
+        stream.layout = "mono"
+        for start in range(0, len(tone), 960):
+            chunk = tone[None, start : start + 960]
+            frame = av.AudioFrame.from_ndarray(chunk, format="fltp", layout="mono")
+            frame.sample_rate, frame.pts = SAMPLE_RATE, start
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    return path
+
+
+def both_eyes(path: Path, width: int = 320, height: int = 160) -> Path:
+    """Left half dark, right half bright."""
+    image = np.full((height, width), 40, np.uint8)
+    image[:, width // 2 :] = 200
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("ffv1", rate=30)
+        stream.width, stream.height, stream.pix_fmt = width, height, "gray"
+        for _ in range(30 * SECONDS):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="gray")))
+        container.mux(stream.encode(None))
+    return path
+
+
+@pytest.mark.parametrize(("suffix", "codec"), [("m4a", "aac"), ("mov", "aac"), ("webm", "libopus")])
+def test_sound_of_a_phone_becomes_a_session(tmp_path: Path, suffix: str, codec: str) -> None:
+    """Red before: refused, though PyAV reads it."""
+    made = session.create(tmp_path / "s", phone_sound(tmp_path / f"a.{suffix}", codec))
+    assert abs(made["seconds"] - SECONDS) < 0.1
+    with Recording(tmp_path / "s") as recording:
+        sound = np.concatenate([f.audio for f in session.replay_frames(recording)])
+    middle = sound[SAMPLE_RATE // 2 : SAMPLE_RATE * 3 // 2]
+    spectrum = np.abs(np.fft.rfft(middle))
+    assert np.argmax(spectrum) * SAMPLE_RATE / len(middle) == pytest.approx(300, abs=2)
+
+
+def test_one_video_of_both_eyes_is_split(tmp_path: Path) -> None:
+    sound = phone_sound(tmp_path / "a.m4a", "aac")
+    session.create(tmp_path / "s", sound, [both_eyes(tmp_path / "both.mkv")])
+    with Recording(tmp_path / "s") as recording:
+        frame = list(session.replay_frames(recording))[20]
+    assert frame.eyes is not None
+    assert [int(view.mean()) for view in frame.eyes] == [40, 200]
+
+
+def test_a_video_of_one_eye_is_not_split(tmp_path: Path) -> None:
+    sound = phone_sound(tmp_path / "a.m4a", "aac")
+    one = both_eyes(tmp_path / "one.mkv", width=200)
+    with pytest.raises(InputError, match="side by side"):
+        session.create(tmp_path / "s", sound, [one])
+    assert not (tmp_path / "s").exists()
+
+
+def test_files_of_others_survive_a_failed_create(tmp_path: Path) -> None:
+    """Red before: everything in the folder was deleted."""
+    (tmp_path / "s").mkdir()
+    (tmp_path / "s" / "notes.txt").write_text("mine")
+    (tmp_path / "a.wav").write_bytes(b"no sound")
+    with pytest.raises(InputError):
+        session.create(tmp_path / "s", tmp_path / "a.wav")
+    assert (tmp_path / "s" / "notes.txt").read_text() == "mine"

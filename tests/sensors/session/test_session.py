@@ -1,0 +1,291 @@
+"""session create | info | export, and one clear line for each kind of bad input."""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+from material import frames, tone, video, wav
+
+from sensors.session.files import create, export, info
+from sensors.session.recording import Recording
+from sensors.types import NS, SAMPLE_RATE, InputError
+
+
+def values(folder: Path, eye: int) -> list[int]:
+    """The grey value that each frame sees; `video` makes picture k grey of value 5 * k."""
+    return [-1 if f.eyes is None else int(f.eyes[eye, 200, 200]) for f in frames(folder)]
+
+
+@pytest.mark.parametrize("eye_codec", ["ffv1", "x264"])
+def test_picture_k_is_seen_by_frame_k(tmp_path: Path, eye_codec: str) -> None:
+    eyes = [video(tmp_path / "l.mkv", 45), video(tmp_path / "r.mp4", 45, codec="libx264")]
+    made = create(tmp_path / "s", wav(tmp_path / "a.wav", 1.5), eyes, eye_codec=eye_codec)
+    assert made["warnings"] == []
+    expected = [5 * k for k in range(45)]
+    for eye in (0, 1):
+        seen = values(tmp_path / "s", eye)
+        assert np.abs(np.subtract(seen, expected)).max() <= (0 if eye_codec == "ffv1" else 3) + eye
+    assert all(f.eyes_valid.all() and (f.eyes_age_ns == 0).all() for f in frames(tmp_path / "s"))
+
+
+@pytest.mark.parametrize("rate", [8000, 22_050, 44_100, 48_000, 96_000])
+@pytest.mark.parametrize("channels", [1, 2])
+def test_any_rate_and_channels(tmp_path: Path, rate: int, channels: int) -> None:
+    made = create(tmp_path / "s", wav(tmp_path / "a.wav", 1.01, rate, channels))
+    assert abs(made["audio_samples"] - 1.01 * SAMPLE_RATE) <= 1
+    assert made["frames"] == 30
+    assert 400 < made["partial_samples"] < 500
+    assert bool(made["warnings"]) == (rate == 8000)
+    got = np.concatenate([f.audio for f in frames(tmp_path / "s")])
+    middle = slice(4800, -4800)
+    assert np.abs(got - tone(1.0)[:, 0])[middle].max() < 2e-3
+
+
+def test_times_come_from_counters_and_start_at_zero(tmp_path: Path) -> None:
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), created="yesterday")
+    assert [f.t_ns for f in frames(tmp_path / "s")] == [(k + 1) * NS // 30 for k in range(30)]
+    recording = Recording(tmp_path / "s")
+    assert int(recording.audio.t_ns[0]) == 0
+    assert recording.card["created"] == "yesterday"
+    assert all(f.eyes is None for f in frames(tmp_path / "s"))
+
+
+@pytest.mark.parametrize(
+    ("rate", "width", "height"), [(60, 640, 480), (24, 160, 120), (30, 800, 200)]
+)
+def test_eye_videos_of_any_size_and_rate(
+    tmp_path: Path, rate: int, width: int, height: int
+) -> None:
+    eyes = [video(tmp_path / f"{k}.mkv", rate, rate=rate, width=width, height=height) for k in "lr"]
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), eyes)
+    got = frames(tmp_path / "s")
+    for frame in got[2:]:
+        newest = (frame.t_ns + 1) * rate // NS - 1
+        assert frame.eyes is not None
+        assert abs(int(frame.eyes[0, 200, 200]) - 5 * newest % 256) <= 1
+        assert frame.eyes_valid.all()
+
+
+def test_scaling_keeps_the_centre_square(tmp_path: Path) -> None:
+    import av
+
+    with av.open(str(tmp_path / "w.mkv"), "w") as container:
+        stream = container.add_stream("ffv1", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 1600, 800, "gray"
+        wide = np.zeros((800, 1600), np.uint8)
+        wide[:, 400:800] = 200  # left half of the centre square
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(wide, format="gray")))
+        container.mux(stream.encode(None))
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1), [tmp_path / "w.mkv"] * 2)
+    eye = frames(tmp_path / "s")[-1].eyes
+    assert eye is not None
+    assert (eye[0, :, :199] == 200).all()
+    assert (eye[0, :, 201:] == 0).all()
+
+
+def test_an_eye_video_that_ends_early_is_held_then_invalid(tmp_path: Path) -> None:
+    eyes = [video(tmp_path / "l.mkv", 60), video(tmp_path / "r.mkv", 30)]
+    made = create(tmp_path / "s", wav(tmp_path / "a.wav", 2.0), eyes)
+    assert len(made["warnings"]) == 1
+    assert "r.mkv: ends at 1.00 s, the sound at 2.00 s" in made["warnings"][0]
+    got = frames(tmp_path / "s")
+    assert [bool(f.eyes_valid[1]) for f in got] == [True] * 33 + [False] * 27
+    assert values(tmp_path / "s", 1)[29:] == [145] * 31
+    assert all(f.eyes_valid[0] for f in got)
+
+
+def test_pictures_after_the_sound_are_left_out(tmp_path: Path) -> None:
+    eyes = [video(tmp_path / "l.mkv", 50)] * 2
+    made = create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), eyes)
+    assert made["eyes"]["left"]["pictures"] == 30
+    assert made["seconds"] == 1.0
+
+
+def test_clipped_sound_is_a_warning(tmp_path: Path) -> None:
+    soundfile.write(tmp_path / "a.wav", np.clip(4 * tone(0.5), -1, 1), SAMPLE_RATE)
+    [warning] = create(tmp_path / "s", tmp_path / "a.wav")["warnings"]
+    assert "clipped" in warning
+    soundfile.write(tmp_path / "b.wav", 2 * tone(0.5), SAMPLE_RATE)  # peaks at 1 and no more
+    soundfile.write(tmp_path / "c.wav", 9 * tone(0.5), SAMPLE_RATE, "FLOAT")
+    create(tmp_path / "s2", tmp_path / "c.wav")
+    assert max(np.abs(f.audio).max() for f in frames(tmp_path / "s2")) <= 1
+
+
+def test_flac_and_streamed_wav_are_read(tmp_path: Path) -> None:
+    soundfile.write(tmp_path / "a.flac", tone(0.5), SAMPLE_RATE)
+    assert create(tmp_path / "s", tmp_path / "a.flac")["frames"] == 15
+    data = bytearray(wav(tmp_path / "b.wav", 0.5).read_bytes())
+    data[40:44] = b"\xff\xff\xff\xff"  # written to a pipe: length unknown
+    (tmp_path / "b.wav").write_bytes(data)
+    assert create(tmp_path / "s2", tmp_path / "b.wav")["frames"] == 15
+
+
+def test_export_opens_anywhere_and_is_in_step(tmp_path: Path) -> None:
+    import av
+
+    eyes = [video(tmp_path / "l.mkv", 30), video(tmp_path / "r.mkv", 30)]
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 1.02), eyes)
+    made = export(tmp_path / "s", tmp_path / "out.mkv")
+    assert made["frames"] == 30
+    with av.open(str(tmp_path / "out.mkv")) as container:
+        pictures = [f.to_ndarray(format="gray") for f in container.decode(video=0)]
+    with av.open(str(tmp_path / "out.mkv")) as container:
+        sound = np.concatenate([f.to_ndarray()[0] for f in container.decode(audio=0)])
+    assert len(pictures) == 30
+    assert pictures[0].shape == (400, 800)
+    assert max(abs(int(p[200, 600]) - 5 * k) for k, p in enumerate(pictures)) <= 4
+    assert np.abs(sound / 32768 - tone(1.0)[:, 0]).max() < 1e-4
+    create(tmp_path / "voice", tmp_path / "a.wav")
+    assert export(tmp_path / "voice", tmp_path / "voice.mkv")["frames"] == 30
+
+
+def test_info_is_plain_values(tmp_path: Path) -> None:
+    eyes = [video(tmp_path / "l.mkv", 30)] * 2
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), eyes)
+    got = json.loads(json.dumps(info(tmp_path / "s")))
+    assert got["frames"] == 30
+    assert got["eyes"]["right"] == {
+        "pictures": 30,
+        "rate_hz": 30.0,
+        "first_s": 0.033333,
+        "last_s": 1.0,
+        "codec": "ffv1",
+    }
+
+
+def cut(path: Path, keep: float) -> Path:
+    os.truncate(path, int(path.stat().st_size * keep))
+    return path
+
+
+def nan_wav(path: Path) -> Path:
+    samples = tone(1.0)
+    samples[24_000] = np.nan
+    soundfile.write(path, samples, SAMPLE_RATE, "FLOAT")
+    return path
+
+
+def text(path: Path) -> Path:
+    path.write_text("hello " * 500)
+    return path
+
+
+def flac(path: Path) -> Path:
+    noise = np.random.default_rng(0).uniform(-0.5, 0.5, 3 * SAMPLE_RATE)
+    soundfile.write(path, noise, SAMPLE_RATE)
+    return path
+
+
+def one_line(error: pytest.ExceptionInfo[InputError]) -> str:
+    message = str(error.value)
+    assert "\n" not in message
+    assert "expected" in message
+    assert "got" in message
+    return message
+
+
+BAD_SOUND = {
+    "no such file": lambda d: d / "none.wav",
+    "something else": lambda d: text(d / "a.wav"),
+    "truncated": lambda d: cut(wav(d / "a.wav"), 0.5),
+    "truncated: expected 144000": lambda d: cut(flac(d / "a.flac"), 0.5),
+    "empty": lambda d: wav(d / "a.wav", 0.0),
+    "a.raw": lambda d: text(d / "a.raw"),
+    "NaN or infinity at 0.500 s": lambda d: nan_wav(d / "a.wav"),
+}
+
+
+@pytest.mark.parametrize("words", BAD_SOUND)
+def test_bad_sound(tmp_path: Path, words: str) -> None:
+    path = BAD_SOUND[words](tmp_path)
+    with pytest.raises(InputError, match=words) as error:
+        create(tmp_path / "s", path)
+    one_line(error)
+    assert not (tmp_path / "s").exists()
+
+
+BAD_EYES = {
+    "no such file": lambda d: d / "none.mkv",
+    "expected a video": lambda d: text(d / "x.mkv"),
+    "no picture stream": lambda d: wav(d / "x.wav"),
+    "at least 32 x 32": lambda d: video(d / "x.mkv", 3, width=16, height=16),
+    "got something else": lambda d: cut(video(d / "x.mkv", 3), 0.27),
+    "got a text file": lambda d: text(d / "x.txt"),
+}
+
+
+@pytest.mark.parametrize("words", BAD_EYES)
+def test_bad_eyes(tmp_path: Path, words: str) -> None:
+    path = BAD_EYES[words](tmp_path)
+    with pytest.raises(InputError, match=words) as error:
+        create(tmp_path / "s", wav(tmp_path / "a.wav"), [video(tmp_path / "l.mkv"), path])
+    one_line(error)
+    assert not (tmp_path / "s").exists()
+
+
+def test_bad_create_calls(tmp_path: Path) -> None:
+    sound = wav(tmp_path / "a.wav")
+    with pytest.raises(InputError, match="two videos") as error:
+        create(tmp_path / "s", sound, [video(tmp_path / "l.mkv")])
+    one_line(error)
+    create(tmp_path / "s", sound)
+    with pytest.raises(InputError, match="new or empty folder") as error:
+        create(tmp_path / "s", sound)
+    one_line(error)
+    assert info(tmp_path / "s")["frames"] == 30  # the old one is untouched
+
+
+def edit(folder: Path, **fields: object) -> None:
+    card = json.loads((folder / "session.json").read_text())
+    (folder / "session.json").write_text(json.dumps(card | fields))
+
+
+def wrong_size(folder: Path) -> None:
+    (folder / "eye_left.mkv").unlink()
+    video(folder / "eye_left.mkv", 3, width=320, height=240)
+
+
+BAD_SESSIONS = {
+    "not a session": lambda d: (d / "session.json").unlink(),
+    "expected JSON": lambda d: (d / "session.json").write_text("{"),
+    "another file": lambda d: edit(d, format="x"),
+    "the newer 2": lambda d: edit(d, version=2),
+    "version": lambda d: edit(d, version="one"),
+    "bad line 3": lambda d: (d / "timeline.jsonl").write_bytes(
+        b"".join((d / "timeline.jsonl").read_bytes().splitlines(True)[:2]) + b"{}\n"
+    ),
+    "timeline, got no file": lambda d: (d / "timeline.jsonl").unlink(),
+    "sound, got no file": lambda d: (d / "audio.wav").unlink(),
+    "is truncated": lambda d: cut(d / "audio.wav", 0.5),
+    "48000 Hz mono": lambda d: wav(d / "audio.wav", 1.0, 8000),
+    "2 channel": lambda d: wav(d / "audio.wav", 1.0, 48_000, 2),
+    "expected a WAV file": lambda d: text(d / "audio.wav"),
+    "no such file": lambda d: (d / "eye_left.mkv").unlink(),
+    "expected a video": lambda d: text(d / "eye_left.mkv"),
+    "400 x 400, got 320 x 240": wrong_size,
+}
+
+
+@pytest.mark.parametrize("words", BAD_SESSIONS)
+def test_bad_sessions(tmp_path: Path, words: str) -> None:
+    eyes = [video(tmp_path / "l.mkv", 3)] * 2
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1), eyes)
+    BAD_SESSIONS[words](tmp_path / "s")
+    with pytest.raises(InputError, match=words) as error:
+        info(tmp_path / "s")
+    one_line(error)
+
+
+def test_bad_folders(tmp_path: Path) -> None:
+    for path in (tmp_path / "none", tmp_path):
+        with pytest.raises(InputError, match="not a session") as error:
+            Recording(path)
+        one_line(error)
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1))
+    for out in (tmp_path / "x.mp4", tmp_path / "none" / "x.mkv"):
+        with pytest.raises(InputError) as error:
+            export(tmp_path / "s", out)
+        one_line(error)
