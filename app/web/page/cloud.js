@@ -15,6 +15,7 @@ let neck = null;   // Float32Array [9, 3, 4], how the head is turned
 let frame = -1;
 let updates = 0;
 let direction = [0, 0, 1];  // growing from far to near, in units of the position's steps
+let asked = 0;          // number of the last order asked for
 let moved = false;      // a tick has come since the last order
 let turned = false;     // the view has changed since then
 let free = true;        // the page has drawn the last order
@@ -90,7 +91,7 @@ function schedule() {
     const sorted = order(), copy = moved ? words.slice() : null;
     const send = [sorted.buffer];
     if (copy) send.push(copy.buffer);
-    postMessage({ kind: "sorted", frame, sorted, words: copy, neck }, send);
+    postMessage({ kind: "sorted", frame, asked, sorted, words: copy, neck }, send);
     scheduled = free = moved = turned = false;
   });
 }
@@ -125,6 +126,6 @@ function connect(address) {
 onmessage = ({ data }) => {
   if (data.address) return connect(data.address);
   if (data.drawn) free = true;
-  if (data.direction) [direction, turned] = [data.direction, true];
+  if (data.direction) [direction, asked, turned] = [data.direction, data.asked, true];
   schedule();
 };

@@ -16,7 +16,8 @@ const splats = new Splats(gl);
 const orbit = new Orbit();
 const worker = new Worker("cloud.js");
 const sockets = location.href.replace(/^http/, "ws").replace(/[?#].*/, "").replace(/[^/]*$/, "");
-const stats = { frame: -1, updates: 0, draws: 0 };  // for people with a console, and for tests
+// for people with a console, and for tests; `asked` and `sorted` count orders
+const stats = { frame: -1, updates: 0, draws: 0, asked: 0, sorted: 0 };
 globalThis.livedrive = stats;
 let mirror = false;
 let poses = null;       // where livedrive listens to the headset
@@ -32,7 +33,7 @@ function aim(modelView) {
   const direction = wanted.map((v) => v / length);
   if (Math.hypot(...direction.map((v, k) => v - asked[k])) < 0.002) return;
   asked = direction;
-  worker.postMessage({ direction });
+  worker.postMessage({ direction, asked: ++stats.asked });
 }
 
 function drawFlat() {
@@ -79,6 +80,7 @@ worker.onmessage = ({ data }) => {
   if (data.kind === "tick") return stats.updates = data.updates;
   splats.set(data.words, data.sorted, data.neck);
   stats.frame = data.frame;
+  stats.sorted = data.asked;
   stale = fresh = true;
 };
 worker.postMessage({ address: `${sockets}head` });

@@ -38,8 +38,10 @@ def settle(page: Any, talker: Talker) -> None:
     """Wait until the newest tick is on the screen, sorted for the present view."""
 
     def seen() -> bool:
-        frame, draws = page.evaluate("[livedrive.frame, livedrive.draws]")
-        still = (frame, draws) == (talker.index, page.settled)
+        frame, draws, waiting = page.evaluate(
+            "[livedrive.frame, livedrive.draws, livedrive.asked - livedrive.sorted]"
+        )
+        still = (frame, draws, waiting) == (talker.index, page.settled, 0)
         page.settled = draws
         page.wait_for_timeout(300)
         return still
