@@ -4,7 +4,8 @@ import csv
 from pathlib import Path
 
 from app.drive.sink import FrameResult, RunInfo
-from app.face.arkit import ARKIT_NAMES, arkit, gaze_angles
+from app.face.arkit import ARKIT_NAMES, arkit
+from app.sinks.protocols.livelink import eye_angles
 from render.decoder.decoder import Decoder
 from sensors import files
 from sensors.head import livelink
@@ -32,8 +33,7 @@ class ArkitSink:
         driven = result.driven
         rig = self._decoder.rig(driven.expression[None])
         values = arkit(rig, driven.gaze[None], self._decoder.rig_names)[0]
-        angles = gaze_angles(driven.gaze)
-        eyes = [x for yaw, pitch in angles for x in (yaw, pitch, 0.0)]
+        eyes = [x for yaw, pitch in eye_angles(driven.gaze) for x in (yaw, pitch, 0.0)]
         head = livelink.angles(driven.head)
         cells = [f"{value:.10f}" for value in (*values, *head, *eyes)]
         self._rows.writerow([timecode(driven.index), len(cells), *cells])

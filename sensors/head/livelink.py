@@ -3,8 +3,7 @@
 A packet: version u8; device and subject, texts with an i32 length; frame i32, share of it f32,
 frames a second as two i32; the number of values u8, f32 values; all big-endian. Values 52 to 54 are
 yaw, pitch and roll in rad, in Unity's sense: yaw to the subject's right, pitch down, roll to the
-subject's left shoulder. (In the app's files the eyes' yaw grows as EyeLookIn of the left eye does,
-and their pitch as EyeLookDown.) There is no position.
+subject's left shoulder. The eyes' angles, 55 to 60, have the same sense. There is no position.
 """
 
 import csv

@@ -8,8 +8,9 @@ import struct
 from uuid import NAMESPACE_URL, uuid5
 
 import numpy as np
+from numpy.typing import NDArray
 
-from app.face.arkit import ARKIT_NAMES
+from app.face.arkit import ARKIT_NAMES, gaze_angles
 from app.sinks.protocols.face import NamedFace
 from sensors.head.livelink import HEAD, angles
 from sensors.types import FPS
@@ -19,6 +20,12 @@ VERSION = 6
 SWAPPED = {"jawRight": "jawLeft", "mouthRight": "mouthLeft"}
 _SWAPS = SWAPPED | {b: a for a, b in SWAPPED.items()}
 PACKET_NAMES = tuple(_SWAPS.get(name, name) for name in ARKIT_NAMES)
+
+
+def eye_angles(gaze: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Unit vectors [2, 3] -> yaw and pitch [2, 2] of the eyes as the app gives them, rad: to the
+    subject's right, as EyeLookIn of the left eye grows, and down."""
+    return -gaze_angles(gaze)
 
 
 class LiveLinkEncoder:
@@ -38,5 +45,5 @@ class LiveLinkEncoder:
         values = np.zeros(61, ">f4")
         values[:52] = face.arkit[self._order]
         values[HEAD] = angles(face.head)
-        values[55:57], values[58:60] = face.angles  # rolls are zero
+        values[55:57], values[58:60] = eye_angles(face.gaze)  # rolls are zero
         return [self._head + time + struct.pack(">B", len(values)) + values.tobytes()]

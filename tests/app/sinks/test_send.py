@@ -119,7 +119,7 @@ def test_vmc_carries_the_table_by_name(
             bones = {args[0]: args[1:] for a, args in heard if a == "/VMC/Ext/Bone/Pos"}
             assert set(bones) == {"Neck", "Head", "LeftEye", "RightEye"}
             for bone, turn in list(bones.items())[2:]:
-                expected = unity_turn(row[f"{bone}Yaw"], row[f"{bone}Pitch"])
+                expected = unity_turn(-row[f"{bone}Yaw"], -row[f"{bone}Pitch"])
                 assert turn == pytest.approx([0, 0, 0, *expected], abs=1e-3)
         assert sink.network_report()[f"vmc://127.0.0.1:{port}"]["sent"] == TICKS
 
@@ -154,9 +154,9 @@ def test_vrchat_carries_the_table_by_name(
                 assert got[name] == (pytest.approx(expected, abs=1e-3),)
             degrees = [np.degrees(row[f"{s}Eye{a}"]) for s in ("Left", "Right") for a in _PITCH_YAW]
             pitch_yaw = got["/tracking/eye/LeftRightPitchYaw"]
-            assert pitch_yaw == pytest.approx([-d for d in degrees], abs=1e-3)
-            assert got["EyeLeftX"] == (pytest.approx(-degrees[1] / 45, abs=1e-3),)
-            assert got["EyeRightY"] == (pytest.approx(degrees[2] / 45, abs=1e-3),)
+            assert pitch_yaw == pytest.approx(degrees, abs=1e-3)
+            assert got["EyeLeftX"] == (pytest.approx(degrees[1] / 45, abs=1e-3),)
+            assert got["EyeRightY"] == (pytest.approx(-degrees[2] / 45, abs=1e-3),)
 
 
 _PITCH_YAW = ("Pitch", "Yaw")
@@ -194,6 +194,16 @@ def test_live_link_carries_the_table_by_name(
                 assert face._frames == result.driven.index  # noqa: SLF001
                 for shape in FaceBlendShape:
                     assert face.get_blendshape(shape) == pytest.approx(row[shape.name], abs=1e-3)
+
+
+def test_eyes_turn_as_the_app_says(table: list[dict[str, float]]) -> None:
+    """A take of the app has yaw with EyeLookInLeft and EyeLookOutRight, pitch with EyeLookDown."""
+    for row in table:
+        for side, inward in (("Left", 1), ("Right", -1)):
+            across = inward * (row[f"EyeLookIn{side}"] - row[f"EyeLookOut{side}"])
+            down = row[f"EyeLookDown{side}"] - row[f"EyeLookUp{side}"]
+            assert row[f"{side}EyeYaw"] * across >= 0 and abs(across) > 0
+            assert row[f"{side}EyePitch"] * down >= 0 and abs(down) > 0
 
 
 def test_every_datagram_fits_an_ethernet_frame(
