@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 @dataclass(kw_only=True)
 class Devices:
-    """List microphones and eye cameras."""
+    """List microphones and eye cameras, and what else can be connected."""
 
     def run(self) -> None:
         from rich.table import Table
@@ -15,6 +15,7 @@ class Devices:
         from sensors.audio.portaudio import microphones, silence_native_messages
         from sensors.cameras import table as cameras
         from sensors.cameras.discovery import found_devices
+        from sensors.head import spec as heads
         from sensors.types import InputError
 
         silence_native_messages()
@@ -41,9 +42,10 @@ class Devices:
         for note in notes:
             print(f"note: {note}")
         print("not listed, but possible:")
-        for option, schemes in (("--eyes", cameras.SCHEMES), ("--send", programs.SCHEMES)):
+        tables = {"eyes": cameras.SCHEMES, "head": heads.SCHEMES, "send": programs.SCHEMES}
+        for option, schemes in tables.items():
             for entry in schemes.values():
-                print(f"  {option} {entry.example}  {entry.help}")
+                print(f"  --{option} {entry.example}  {entry.help}")
 
 
 def quoted(name: str) -> str:

@@ -89,6 +89,12 @@ def _eye_cameras() -> str:
     )
 
 
+def _head_trackers() -> str:
+    from sensors.head.spec import EXAMPLES
+
+    return f"none needed; --head also takes {EXAMPLES}"
+
+
 def _usb() -> str:
     from sensors.cameras.discovery import check_usb_library
 
@@ -110,5 +116,6 @@ CHECKS: dict[str, Callable[[], str]] = {
     "microphone": _microphone,
     "USB": _usb,
     "eye cameras": _eye_cameras,
+    "head trackers": _head_trackers,
     "programs to send to": _programs,
 }

@@ -37,7 +37,7 @@ def _head(spec: str, clock: Clock, page: "WebSink | None") -> "HeadSource | None
             raise InputError(
                 "--head web: expected the page of --web, got none; try run --web 8443 --head web"
             )
-        return web_head(page.link, clock, tell)
+        return web_head(page.link, clock, tell, expected=spec == "web")
     if spec in HEAD_MODES:
         return None
     from sensors.head.spec import head_source

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
@@ -71,6 +72,9 @@ def sensor_report(source: "LiveSource") -> dict[str, Any]:
             "connects": camera.counts.connects,
             "delay_ms": round(camera.delay_ns / 1e6, 2),  # of the newest, arrival to checked views
         }
+    if source.head is not None:
+        counts = asdict(source.head.counts)
+        found["head"] = {"name": source.head.name, "problem": source.head.problem, **counts}
     return found
 
 

@@ -47,6 +47,8 @@ class SensorNotes:
         found: list[tuple[str, str]] = []
         if self._source.microphone is not None:
             found.append(("microphone", self._source.microphone.problem))
+        if self._source.head is not None:
+            found.append((self._source.head.name, self._source.head.problem))
         return found + [(camera.name, camera.problem) for camera in self._source.cameras]
 
 

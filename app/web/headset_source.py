@@ -44,9 +44,11 @@ class HeadsetLink:
         self._link.poses.clear()
 
 
-def web_head(link: ServerLink, clock: Clock, tell: Callable[[str], None]) -> HeadSource:
+def web_head(
+    link: ServerLink, clock: Clock, tell: Callable[[str], None], expected: bool = True
+) -> HeadSource:
     """The headset of the page behind `link`."""
-    return HeadSource(NAME, lambda: HeadsetLink(link, tell), clock)
+    return HeadSource(NAME, lambda: HeadsetLink(link, tell), clock, expected)
 
 
 def reading(message: bytes) -> Reading:

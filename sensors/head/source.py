@@ -31,10 +31,14 @@ class HeadSource:
 
     exhausted = False
 
-    def __init__(self, name: str, connect: Callable[[], Link], clock: Clock) -> None:
-        """`connect` makes a new link; what cannot be opened raises InputError there."""
+    def __init__(
+        self, name: str, connect: Callable[[], Link], clock: Clock, expected: bool = True
+    ) -> None:
+        """`connect` makes a new link; what cannot be opened raises InputError there. `expected`:
+        it is a problem that no pose has come yet."""
         self.name = name
-        self.problem = WAITING
+        self._at_first = WAITING if expected else ""
+        self.problem = self._at_first
         self.counts = Counts()
         self._connect, self._clock = connect, clock
         self._link: Link | None = None
@@ -52,7 +56,7 @@ class HeadSource:
     def open(self) -> None:
         self._link = self._connect()
         self._link.open()
-        self.counts, self._newest_ns, self.problem = self._link.counts, None, WAITING
+        self.counts, self._newest_ns, self.problem = self._link.counts, None, self._at_first
 
     def poll(self) -> list[Packet]:
         if self._link is None:

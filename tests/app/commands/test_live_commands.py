@@ -18,6 +18,7 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parents[3]
 SMOKE = f"session:{ROOT / 'recordings' / 'smoke'}"
+DEMO = f"session:{ROOT / 'recordings' / 'demo'}"
 START = [sys.executable, "-c", "from app.main import main; main()"]
 
 
@@ -33,7 +34,7 @@ def livedrive(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
 
 
 def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) -> None:
-    words = ["--headless", "--mic", "none", "--eyes", SMOKE, "--seconds", "1.5"]
+    words = ["--headless", "--mic", "none", "--eyes", SMOKE, "--head", DEMO, "--seconds", "1.5"]
     words += ["--record", "tape", "--motion", "live.npz", "--report", "live.json"]
     done = livedrive("run", *words, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -42,6 +43,11 @@ def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) ->
     assert report["frames_with_gap"] == report["frames"]
     assert report["sensors"][SMOKE]["pictures"] > 0
     assert "microphone" not in report["sensors"]
+    head = report["sensors"]["head"]
+    assert head["name"] == DEMO and head["problem"] == ""
+    assert head["poses"] > 30 and head["bad"] == head["jumps"] == head["flooded"] == 0
+    told = json.loads(livedrive("session", "info", "tape", cwd=tmp_path).stdout)
+    assert told["head_poses"] > 30
     again = livedrive("replay", "tape", "--motion", "again.npz", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
     live, replayed = np.load(tmp_path / "live.npz"), np.load(tmp_path / "again.npz")
@@ -104,3 +110,4 @@ def test_devices_say_what_to_type(tmp_path: Path) -> None:
     done = livedrive("devices", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert "--eyes http://" in done.stdout
+    assert "--head vmc://" in done.stdout
