@@ -10,6 +10,7 @@ import json
 import os
 import secrets
 import stat
+import tokenize
 import zipfile
 import zlib
 from collections.abc import Generator
@@ -27,7 +28,10 @@ READING = os.O_RDONLY | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_
 UPDATING = os.O_RDWR | NO_LINK | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 CREATING = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | getattr(os, "O_BINARY", 0)
 MAX_JSON = 16 << 20  # bytes; an hour of timeline is 20 MB, but is read line by line
-NOT_WHOLE = (zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError)
+NOT_WHOLE = (
+    *(zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError),
+    *(tokenize.TokenError, SyntaxError),  # an array's header
+)
 MAX_ARRAYS = 1 << 29  # bytes that an npz file may unpack to
 PRIVATE, SHARED = 0o600, 0o666  # before the user's umask
 
@@ -103,9 +107,12 @@ def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]
                 raise ValueError(f"arrays of {size} bytes, more than {max_bytes}")
             file.seek(0)
             with np.load(file, allow_pickle=False) as arrays:
-                return {name: arrays[name] for name in arrays.files}
+                found = {name: arrays[name] for name in arrays.files}
         except (*NOT_WHOLE, MemoryError) as error:  # numpy takes what a header claims
             raise ValueError(f"no whole npz file ({error})") from None
+    if other := [name for name, array in found.items() if not isinstance(array, np.ndarray)]:
+        raise ValueError(f"{other[0]!r} is no array")
+    return found
 
 
 def create(path: Path, *, private: bool = False) -> Path:

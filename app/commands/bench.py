@@ -32,6 +32,10 @@ class Bench:
     """How often each fault happens (faults)."""
     num: int = 100_000
     """How many damaged inputs (fuzz)."""
+    processes: int = 1
+    """That share them (fuzz)."""
+    keep: Path | None = None
+    """Folder for what is done and what escaped: the same command goes on there (fuzz)."""
     seed: int = 0
     """Of the damage (fuzz)."""
     report: Path | None = None
@@ -83,9 +87,9 @@ class Bench:
         return measure_faults(self.times)
 
     def _fuzz(self) -> dict[str, Any]:
-        from app.bench.fuzz import measure_fuzz
+        from app.bench.fuzz.run import measure_fuzz
 
-        return measure_fuzz(self.num, self.seed)
+        return measure_fuzz(self.num, self.seed, self.processes, self.keep)
 
     def _web(self) -> dict[str, Any]:
         from app.bench.network.web import measure_web

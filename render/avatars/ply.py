@@ -3,6 +3,7 @@
 One static head: no expression travels with it. Millimetres, +y up, +z out of the face.
 """
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ COLOR, PLACE = [f"f_dc_{i}" for i in range(3)], ["x", "y", "z"]
 FIELDS = [*PLACE, "nx", "ny", "nz", *COLOR, "opacity", *SCALE, *ROTATION]
 SIZE_MM = (50.0, 1000.0)  # a cloud outside it is not in millimetres and is scaled to HEAD_MM
 HEAD_MM = 300.0
+LARGEST = 1e6  # of any number
+LOG_SCALE = (-30.0, 30.0)  # beyond, a scale is 0 or infinite in float32
 
 
 TYPES = {
@@ -28,6 +31,7 @@ TYPES = {
     **{"float32": "<f4", "float64": "<f8"},
 }
 MAX_HEADER = 65536  # bytes
+COUNT = re.compile("[0-9]{1,12}")
 
 
 def save(path: Path, cloud: Gaussians) -> None:
@@ -67,10 +71,10 @@ def load(path: Path) -> Gaussians:
         return np.stack([rows[name] for name in names], 1).astype(np.float32)
 
     arrays = [columns(names) for names in (PLACE, ROTATION, SCALE, ["opacity"], COLOR)]
-    if len(rows) == 0 or not all(np.isfinite(a).all() for a in arrays):
+    if len(rows) == 0 or not all((np.abs(a) < LARGEST).all() for a in arrays):
         raise InputError(f"{path}: expected finite splats, got none or NaN; export it again")
     means, quats, scales, logits, colors = arrays
-    scales = np.exp(scales)
+    scales = np.exp(scales.clip(*LOG_SCALE))
     low, high = np.percentile(means, (2, 98), axis=0)
     size = float((high - low).max())
     if not SIZE_MM[0] <= size <= SIZE_MM[1]:
@@ -99,9 +103,15 @@ def _vertices(path: Path) -> NDArray[np.void]:
         if words[:1] == ["element"] and len(words) == 3:
             if count >= 0:
                 break
-            count = int(words[2]) if words[1] == "vertex" and words[2].isdecimal() else -2
+            known = words[1] == "vertex" and COUNT.fullmatch(words[2])
+            count = int(words[2]) if known else -2
         elif words[:1] == ["property"] and len(words) == 3 and words[1] in TYPES:
             fields.append((words[2], TYPES[words[1]]))
+    names = [name for name, _ in fields]
+    if doubled := [name for name in names if names.count(name) > 1]:
+        raise InputError(
+            f"{path}: expected each property once, got {doubled[0]!r} twice; export it again"
+        )
     dtype = np.dtype(fields)
     start = data.index(b"\n", end) + 1
     if count < 0 or len(data) - start < count * dtype.itemsize:

@@ -35,9 +35,10 @@ def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) 
             f"{name}: expected finite coordinates, got {bad} vertices with NaN or infinity "
             "(holes?); fill the holes before"
         )
-    height = float(np.ptp(vertices[:, 1]))
+    width, height, depth = np.ptp(vertices.astype(np.float64), axis=0).tolist()
     for factor in UNITS.values():
-        if HEAD_MM[0] <= height * factor <= HEAD_MM[1]:
+        broad = max(width, depth) * factor > 2 * HEAD_MM[1]
+        if HEAD_MM[0] <= height * factor <= HEAD_MM[1] and not broad:
             vertices = vertices * np.float32(factor)
             break
     else:

@@ -58,7 +58,7 @@ def load(path: Path, kind: str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
         )
     try:
         return from_bytes(data), card
-    except SafetensorError as error:
+    except (SafetensorError, KeyError) as error:  # KeyError: a type that numpy lacks
         raise InputError(
             f"weights: expected safetensors, got {error} in {tensor_path}; "
             "restore it from the repository"

@@ -1,0 +1,1 @@
+"""`livedrive bench fuzz`: damaged bytes at every border, to see that no exception escapes."""
