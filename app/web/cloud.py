@@ -11,7 +11,10 @@ light. No tick depends on another one, so any tick may be dropped. A Gaussian is
     word 3:  red, green, blue, opacity, 8 bits each
 
 Position and scales are shares of the ranges in the base; a, b, c are the turn's modified Rodrigues
-parameters xyz / (1 + w), -1..1. All little-endian.
+parameters xyz / (1 + w), -1..1. Colours are without what is mirrored: for that the base ends with
+the light, and four weights and a roughness, a byte each, for the first Gaussians (render/splats/
+shine.py). These stay as they are at rest: a face that moves changes them by less than a byte of
+colour. All little-endian.
 """
 
 import struct
@@ -22,8 +25,9 @@ from numpy.typing import NDArray
 
 from app.web import packing
 from app.web.packing import POSITION_MAX, SCALE_MAX, TURN_MAX
-from render.splats.shine import colors_from
-from render.types import Gaussians
+from render.lighting import FILM, HALF_WIDTHS, TOWARDS
+from render.splats.shine import SPREAD
+from render.types import Gaussians, Shine
 from sensors.rotation import Vector
 
 BASE, TICK = 1, 2  # first byte of a message
@@ -31,6 +35,10 @@ HEAD = struct.Struct("<BxxxI")  # kind, number of Gaussians
 # Low corner mm, step mm, lowest log2 of a scale, step; between the eyes, from the mean face's, mm.
 RANGES = struct.Struct("<9f")
 STAMP = struct.Struct("<qqII")  # frame, t_ns, number of movers, bytes of the neck that follow
+# Number of Gaussians that mirror; of each lamp where it is and its width [4, 4], its light [4, 3];
+# the film's curve [5].
+LIGHT = struct.Struct("<I33f")
+WEIGHT_MAX = 2.0  # of mirrored light, in a byte
 STATIONS = 9  # of a neck, see render/decoder/neck.py: moves [9, 3, 4]; none: the head rests
 STILL = np.tile(np.eye(3, 4, dtype=np.float32), (STATIONS, 1, 1))
 MARGIN_MM = 40.0  # how far a Gaussian may leave the box of the head at rest
@@ -63,15 +71,32 @@ def pack(gaussians: Gaussians, ranges: Ranges) -> Words:  # [N, 4]
     words = np.empty((len(gaussians), 4), np.uint32)
     packing.pack_words(
         *(gaussians.means, gaussians.quats, gaussians.scales),
-        *(
-            gaussians.opacities,
-            colors_from(gaussians),
-            ranges.low_mm,
-            np.float32(1 / ranges.step_mm),
-        ),
+        *(gaussians.opacities, gaussians.colors, ranges.low_mm, np.float32(1 / ranges.step_mm)),
         *(np.float32(ranges.low_scale), np.float32(1 / ranges.step_scale), words),
     )
     return words
+
+
+def pack_shine(shine: Shine | None) -> bytes:
+    """The light, and what mirrors it."""
+    if shine is None:
+        return LIGHT.pack(0, *np.zeros(33))
+    lamps = np.concatenate([TOWARDS, (HALF_WIDTHS * SPREAD)[:, None]], 1)
+    head = LIGHT.pack(len(shine.weights), *lamps.flat, *shine.lamps.flat, *FILM)
+    weights = np.rint(np.clip(shine.weights / WEIGHT_MAX, 0, 1) * 255).astype(np.uint8)
+    return head + weights.tobytes() + np.rint(shine.roughness * 255).astype(np.uint8).tobytes()
+
+
+def unpack_shine(message: bytes, start: int) -> Shine | None:
+    count, *light = LIGHT.unpack_from(message, start)
+    if not count:
+        return None
+    levels = np.frombuffer(message, np.uint8, 5 * count, start + LIGHT.size).astype(np.float32)
+    return Shine(
+        weights=levels[: 4 * count].reshape(-1, 4) * np.float32(WEIGHT_MAX / 255),
+        roughness=levels[4 * count :] / np.float32(255),
+        lamps=np.array(light[16:28], np.float32).reshape(4, 3),
+    )
 
 
 def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
@@ -80,7 +105,7 @@ def base_message(gaussians: Gaussians, ranges: Ranges) -> bytes:
     head += RANGES.pack(
         *(*ranges.low_mm, ranges.step_mm, ranges.low_scale, ranges.step_scale, *ranges.eyes_mm)
     )
-    return head + pack(gaussians, ranges).tobytes()
+    return head + pack(gaussians, ranges).tobytes() + pack_shine(gaussians.shine)
 
 
 def tick_message(
@@ -116,6 +141,7 @@ class CloudReader:
             start = HEAD.size + RANGES.size
             words = np.frombuffer(message, "<u4", 4 * count, start)
             self._base = words.reshape(count, 4).astype(np.uint32)
+            self._shine = unpack_shine(message, start + self._base.nbytes)
             words = self._base
         else:
             self.frame, self.t_ns, moved, turned = STAMP.unpack_from(message, HEAD.size)
@@ -143,6 +169,7 @@ class CloudReader:
             scales=np.exp2(ranges.low_scale + scales * ranges.step_scale).astype(np.float32),
             opacities=shown[:, 3],
             colors=shown[:, :3],
+            shine=self._shine,
         )
 
 

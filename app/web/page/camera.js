@@ -20,6 +20,12 @@ export function place(position, yaw, scaleX, scale) {
     c * scaleX, 0, -s * scaleX, 0, 0, scale, 0, 0, s * scale, 0, c * scale, 0, ...position, 1]);
 }
 
+// Where the viewer is, in the space of the model; the matrix turns, mirrors, moves and scales alike.
+export function position(modelView) {
+  const m = modelView, square = m[0] * m[0] + m[1] * m[1] + m[2] * m[2];
+  return [0, 4, 8].map((k) => -(m[k] * m[12] + m[k + 1] * m[13] + m[k + 2] * m[14]) / square);
+}
+
 export class Orbit {
   constructor() {
     this.yaw = this.pitch = 0;  // rad, towards the subject's left, upwards

@@ -6,6 +6,7 @@ const BUCKETS = 1 << 16;
 const FAINTEST = 4;  // of 255: the opacity below which splats.js draws nothing
 const RETRY_MS = 1000;
 
+const LIGHT = 33;  // numbers of the lamps and the film
 const NECK = 9 * 12;  // numbers of its moves
 
 let base = null;   // Uint32Array [4 N], the head at rest
@@ -26,7 +27,11 @@ function readBase(view, buffer) {
   const ranges = new Float32Array(buffer.slice(8, 44));
   base = new Uint32Array(buffer.slice(44, 44 + 16 * count));
   words = base.slice();
-  postMessage({ kind: "base", count, ranges }, [ranges.buffer]);
+  const end = 44 + 16 * count, mirrors = view.getUint32(end, true), bytes = end + 4 + 4 * LIGHT;
+  const light = new Float32Array(buffer.slice(end + 4, bytes));
+  const weights = new Uint8Array(buffer.slice(bytes, bytes + 4 * mirrors));
+  const roughness = new Uint8Array(buffer.slice(bytes + 4 * mirrors, bytes + 5 * mirrors));
+  postMessage({ kind: "base", count, ranges, mirrors, light, weights, roughness });
 }
 
 function readTick(view, buffer) {

@@ -2,6 +2,9 @@
 // projection is that of render/splats/reference.py; all its constants are the same. Quads are vertices of
 // one long list and not instances: software GL draws instances one by one.
 
+import { position } from "./camera.js";
+import { SHINE } from "./shine.js";
+
 const WIDTH = 1024;  // texels in a row of the textures
 const STILL = new Float32Array(9 * 12).map((_, k) => (k % 12 % 5 === 0 ? 1 : 0));
 
@@ -18,9 +21,11 @@ uniform vec3 low;         // mm
 uniform vec3 steps;       // mm of a position step, log2 scale of level 0, log2 scale of a level
 uniform vec4 neck[27];    // rows of 9 moves, from the chest to the head at even steps
 uniform vec3 eyes;        // mm, from those of the mean face to the point between them
+uniform vec3 viewer;      // mm
 out vec2 uv;
 flat out vec4 color;
 
+${SHINE}
 const float LOW_PASS = 0.3;
 const float MAX_ALPHA = 0.999;
 const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
@@ -50,7 +55,8 @@ ivec2 texel(int k) {
 }
 
 void main() {
-  ivec2 at = texel(int(texelFetch(order, texel(gl_VertexID >> 2), 0).x));
+  int index = int(texelFetch(order, texel(gl_VertexID >> 2), 0).x);
+  ivec2 at = texel(index);
   uvec4 word = texelFetch(words, at, 0);
   vec4 shown = vec4(word.w & 255u, word.w >> 8 & 255u, word.w >> 16 & 255u, word.w >> 24) / 255.0;
   vec3 mean = low + steps.x * vec3(word.x & 16383u, word.x >> 14 & 16383u, word.y & 16383u);
@@ -77,7 +83,8 @@ void main() {
   vec2 reach = vec2(projection[0][0], projection[1][1]);
   vec2 slope = clamp(point.xy * inverse, (off - 1.3) / reach, (off + 1.3) / reach);
 
-  mat3 axes = mat3(modelView) * bend * rotation(levels * (2.0 / 1023.0) - 1.0);
+  mat3 turn = rotation(levels * (2.0 / 1023.0) - 1.0);
+  mat3 axes = mat3(modelView) * bend * turn;
   axes = mat3(axes[0] * scale.x, axes[1] * scale.y, axes[2] * scale.z);
   vec3 row_x = focal.x * inverse * vec3(1.0, 0.0, slope.x) * axes;
   vec3 row_y = focal.y * inverse * vec3(0.0, 1.0, slope.y) * axes;
@@ -94,7 +101,8 @@ void main() {
   uv = radius * vec2((gl_VertexID & 1) * 2 - 1, (gl_VertexID & 2) - 1);
   float dy = uv.y / r;
   float dx = uv.x / p + k * dy;
-  color = vec4(shown.rgb, log2_opacity);
+  vec3 view = normalize((viewer - bent) * bend);  // in the frame of the head at rest
+  color = vec4(mirrored(shown.rgb, index, at, turn[2], view), log2_opacity);
   gl_Position = vec4(clip.xy / clip.w + 2.0 * vec2(dx, dy) / size, 0.0, 1.0);
 }`;
 
@@ -117,17 +125,20 @@ export class Splats {
     this.neck = STILL;
     this.program = link(gl);
     this.places = Object.fromEntries(
-      ["words", "order", "modelView", "projection", "size", "low", "steps", "neck", "eyes"]
+      ["words", "order", "modelView", "projection", "size", "low", "steps", "neck", "eyes",
+        "viewer", "weights", "roughness", "mirrors", "lamps", "lights", "film"]
         .map((name) => [name, gl.getUniformLocation(this.program, name)]));
     this.words = texture(gl);
     this.order = texture(gl);
+    this.weights = texture(gl);
+    this.roughness = texture(gl);
     this.quads = gl.createVertexArray();
     this.corners = gl.createBuffer();
   }
 
-  // What all ticks share: their number of Gaussians and ranges [9].
-  setBase({ count, ranges }) {
-    this.ranges = ranges;
+  // What all ticks share: their number of Gaussians, ranges [9], and what the first ones mirror.
+  setBase({ count, ranges, mirrors, light, weights, roughness }) {
+    Object.assign(this, { ranges, mirrors, light });
     this.rows = Math.ceil(count / WIDTH);
     this.count = 0;  // nothing is drawn until the first order has come
     const gl = this.gl;
@@ -137,6 +148,13 @@ export class Splats {
     gl.bindTexture(gl.TEXTURE_2D, this.order);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.R32UI, WIDTH, this.rows, 0, gl.RED_INTEGER,
       gl.UNSIGNED_INT, null);
+    const bytes = WIDTH * this.rows;
+    gl.bindTexture(gl.TEXTURE_2D, this.weights);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8UI, WIDTH, this.rows, 0, gl.RGBA_INTEGER,
+      gl.UNSIGNED_BYTE, padded(weights, Uint8Array, 4 * bytes));
+    gl.bindTexture(gl.TEXTURE_2D, this.roughness);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.R8UI, WIDTH, this.rows, 0, gl.RED_INTEGER,
+      gl.UNSIGNED_BYTE, padded(roughness, Uint8Array, bytes));
     const corners = new Uint32Array(6 * count);
     for (let k = 0; k < count; k++)
       corners.set([4 * k, 4 * k + 1, 4 * k + 2, 4 * k + 2, 4 * k + 1, 4 * k + 3], 6 * k);
@@ -165,13 +183,13 @@ export class Splats {
   // Into the bound framebuffer's viewport of `width` x `height` px; matrices are column-major.
   draw(modelView, projection, width, height) {
     if (!this.count) return;
-    const { gl, places, ranges } = this;
+    const { gl, places, ranges, light } = this;
     gl.useProgram(this.program);
     gl.enable(gl.BLEND);
     gl.disable(gl.DEPTH_TEST);
     gl.disable(gl.CULL_FACE);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    for (const [unit, name] of ["words", "order"].entries()) {
+    for (const [unit, name] of ["words", "order", "weights", "roughness"].entries()) {
       gl.activeTexture(gl.TEXTURE0 + unit);
       gl.bindTexture(gl.TEXTURE_2D, this[name]);
       gl.uniform1i(places[name], unit);
@@ -184,6 +202,11 @@ export class Splats {
     gl.uniform3f(places.steps, ranges[3], ranges[4], ranges[5]);
     gl.uniform4fv(places.neck, this.neck);
     gl.uniform3f(places.eyes, ranges[6], ranges[7], ranges[8]);
+    gl.uniform3fv(places.viewer, position(modelView));
+    gl.uniform1i(places.mirrors, this.mirrors);
+    gl.uniform4fv(places.lamps, light.subarray(0, 16));
+    gl.uniform3fv(places.lights, light.subarray(16, 28));
+    gl.uniform1fv(places.film, light.subarray(28));
     gl.bindVertexArray(this.quads);
     gl.drawElements(gl.TRIANGLES, 6 * this.count, gl.UNSIGNED_INT, 0);
     gl.bindVertexArray(null);
