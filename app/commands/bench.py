@@ -17,7 +17,8 @@ class Bench:
     what: Positional[What] = "tick"
     """tick: every stage, at the pace of a live run. render: the splat renderer against two others.
     pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
-    stand-ins for microphone and cameras. soak: the same for --minutes, and its replay.
+    stand-ins for microphone and cameras. soak: all at once for --minutes (voice, eyes, head,
+    window, page, sends, a recording), and its replay.
     faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
     at every border. web: --minutes of sending by every protocol, a page, and hostile clients."""
     session: Path = Path("recordings/demo")
@@ -77,9 +78,9 @@ class Bench:
         return measure_sensors()
 
     def _soak(self) -> dict[str, Any]:
-        from app.bench.sensors.live import measure_live_soak
+        from app.bench.sensors.soak import measure_soak
 
-        return measure_live_soak(self.minutes)
+        return measure_soak(self.minutes)
 
     def _faults(self) -> dict[str, Any]:
         from app.bench.sensors.faults import measure_faults

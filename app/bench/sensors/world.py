@@ -1,6 +1,8 @@
-"""The stand-in world of `bench soak`, `sensors` and `faults`: a microphone and cameras."""
+"""The stand-in world of `bench soak`, `sensors`, `faults`: microphone, cameras, a screen."""
 
 import os
+import shutil
+import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -56,3 +58,39 @@ def cameras(num: int, *, rate_hz: float = 30.0, jitter_ms: float = 8.0) -> Itera
             stack.callback(server.stdin.close)  # which ends it
             urls.append(server.stdout.readline().strip())
         yield urls
+
+
+@contextmanager
+def tracker() -> Iterator[str]:
+    """A program that sends VMC poses, in a process of its own; yields the --head that hears it."""
+    with socket.socket(type=socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = [sys.executable, "-m", "app.bench.sensors.visitors", "tracker", str(port)]
+    with subprocess.Popen(words) as sender:
+        try:
+            yield f"vmc://:{port}"
+        finally:
+            sender.terminate()
+
+
+@contextmanager
+def screen() -> Iterator[None]:
+    """The user's screen, or one that nobody sees."""
+    from sensors.types import InputError
+
+    if os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        yield
+        return
+    if not shutil.which("Xvfb"):
+        raise InputError("bench soak: expected a screen or Xvfb, got neither; run: make system")
+    words = ["Xvfb", "-displayfd", "1", "-screen", "0", "1280x800x24", "-nolisten", "tcp"]
+    quiet = subprocess.DEVNULL
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=quiet, text=True) as server:
+        assert server.stdout is not None
+        os.environ["DISPLAY"] = f":{server.stdout.readline().strip()}"
+        try:
+            yield
+        finally:
+            del os.environ["DISPLAY"]
+            server.terminate()
