@@ -11,15 +11,18 @@ import tyro
 from sensors.types import FPS, NS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
-    from encoder.eyes.calibration import Take, Target
     from encoder.eyes.encoder import EyeEncoder
+    from encoder.eyes.routine import EyeFit, Take, Target
 
 LEAD_S = 2.0  # before the first target, to get ready
 
 
 @dataclass(kw_only=True)
 class Calibrate:
-    """Look at five points, blink and close: fits gaze and lids to you; `run` then uses it."""
+    """Look at five points, blink and close: fits gaze and lids to you; `run` then uses it.
+
+    What was fitted before is kept beside it; --undo takes it back.
+    """
 
     eyes: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SPEC ...")] = ()
     """Cameras, as for livedrive run."""
@@ -27,10 +30,37 @@ class Calibrate:
     """Instead of cameras: a session recorded while following the targets."""
     out: Path | None = None
     """File to write; default: your profile."""
+    undo: bool = False
+    """Go back to what was before the last calibration; once more: forward again."""
 
     def run(self) -> None:
-        from app.drive.calibration import profile_path
-        from encoder.eyes.calibration import fit
+        from app.drive import calibration as kept
+        from encoder.eyes.routine import fit
+
+        path = self.out or kept.profile_path()
+        if [bool(self.eyes), self.session is not None, self.undo].count(True) != 1:
+            raise InputError(
+                "calibrate: expected one of --eyes, --session and --undo, got "
+                f"{'several' if self.eyes or self.session else 'none'}; "
+                "try livedrive calibrate --eyes uvc:0"
+            )
+        if self.undo:
+            back = kept.undo(path)
+            print(f"{path.resolve()} is as it was before" if back else "no calibration is used")
+            return
+        calibration, fits = fit(self._takes())
+        for words in map(words_of_fit, fits):
+            print(words)
+        if not any(eye.followed for eye in fits):
+            raise InputError(
+                "calibrate: expected an eye that follows the targets, got none; nothing was "
+                "written: look at each target until the next is named, and check the pictures "
+                "with livedrive run"
+            )
+        kept.keep(calibration, path)
+        print(f"wrote {path.resolve()}; next: livedrive run; back: livedrive calibrate --undo")
+
+    def _takes(self) -> "list[Take]":
         from encoder.eyes.encoder import load_eye_encoder
         from encoder.inference import WEIGHTS
         from sensors.clock import MonotonicClock
@@ -38,27 +68,32 @@ class Calibrate:
         from sensors.session.recording import Recording
         from sensors.session.replay import ReplaySource
 
-        if bool(self.eyes) == (self.session is not None):
-            raise InputError(
-                "calibrate: expected either --eyes or --session, got "
-                f"{'both' if self.eyes else 'neither'}; try livedrive calibrate --eyes uvc:0"
-            )
-        encoder, clock = load_eye_encoder(WEIGHTS), MonotonicClock()
+        clock = MonotonicClock()
         source: Source
         if self.session:
-            source = ReplaySource(Recording(self.session), clock, realtime=False, eyes=True)
-            takes = collect(source, encoder, clock, print, live=False)
+            recording = Recording(self.session)
+            if not recording.eyes:
+                raise InputError(
+                    f"calibrate: expected a session with pictures of the eyes, got none in "
+                    f"{self.session}; record one with livedrive record DIR --eyes SPEC"
+                )
+            source = ReplaySource(recording, clock, realtime=False, eyes=True)
         else:
             from sensors.cameras.spec import cameras
 
             source = LiveSource(None, cameras(self.eyes, clock), clock)
-            takes = collect(source, encoder, clock, print, live=True)
-        calibration, refused = fit(takes)
-        for words in refused:
-            print(f"kept as it is: {words}")
-        path = self.out or profile_path()
-        calibration.save(path)
-        print(f"wrote {path.resolve()}")
+        live = self.session is None
+        return collect(source, load_eye_encoder(WEIGHTS), clock, print, live=live)
+
+
+def words_of_fit(eye: "EyeFit") -> str:
+    """One line: how good it is, and what was left as it was."""
+    line = f"{eye.name + ' eye':10s} {eye.grade:14s}"
+    if eye.off_deg is not None and eye.before_deg is not None:
+        line += f"{eye.off_deg:5.1f} degrees off the targets ({eye.before_deg:.1f} without)"
+    left = [f"gaze as it was: {eye.gaze}"] if eye.gaze else []
+    left += [f"lids as they were: {eye.lid}"] if eye.lid else []
+    return "; ".join([line, *left])
 
 
 def words_of(target: "Target") -> str:
@@ -83,8 +118,8 @@ def collect(
     live: bool,
 ) -> "list[Take]":
     """Follow the routine's schedule on the source's own time and encode what is seen."""
-    from encoder.eyes.calibration import ROUTINE, Take
     from encoder.eyes.encoder import new_encoder_state
+    from encoder.eyes.routine import ROUTINE, Take
     from sensors.assemble import Assembler
 
     lead = int(LEAD_S * FPS) if live else 0

@@ -4,6 +4,9 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sensors import files
+from sensors.types import InputError
+
 if TYPE_CHECKING:
     from encoder.driver import Driver
     from encoder.eyes.calibration import EyeCalibration
@@ -22,6 +25,37 @@ def of_user(path: Path | None = None) -> "EyeCalibration | None":
 
     path = path or profile_path()
     return EyeCalibration.load(path) if path.is_file() else None
+
+
+def keep(calibration: "EyeCalibration", path: Path) -> None:
+    """Write the user's file; what it held is kept beside it, for `undo`."""
+    before = _before(path)
+    before.unlink(missing_ok=True)
+    if path.is_file():
+        files.write_bytes(before, files.read_bytes(path), private=True)
+    calibration.save(path)
+
+
+def undo(path: Path) -> bool:
+    """What was before the last `keep`, or `undo`; False where that is no calibration at all."""
+    before = _before(path)
+    if not path.is_file() and not before.is_file():
+        raise InputError(
+            f"calibrate --undo: expected a calibration in {path}, got none; "
+            "make one with livedrive calibrate --eyes SPEC"
+        )
+    old = files.read_bytes(before) if before.is_file() else None
+    before.unlink(missing_ok=True)
+    if path.is_file():
+        files.write_bytes(before, files.read_bytes(path), private=True)
+        path.unlink()
+    if old is not None:
+        files.write_bytes(path, old, private=True)
+    return old is not None
+
+
+def _before(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.before{path.suffix}")
 
 
 def of_session(recording: "Recording") -> "EyeCalibration | None":

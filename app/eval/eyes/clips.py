@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.types import FPS, NS, SAMPLES_PER_FRAME, SensorFrame
 
 if TYPE_CHECKING:
-    from encoder.eyes.calibration import Target
+    from encoder.eyes.routine import Target
     from render.near_eye.camera import NearEye, Wearer
 
 FIRST_SEED = 1_000_000  # of wearers; training counts from 0
@@ -88,7 +88,7 @@ def _routine(
     """The wearer looks at the targets, to half a degree, and closes the eyes."""
     from encoder.capture.motion.channels import RIG_INDEX
     from encoder.capture.motion.upper_face import looking
-    from encoder.eyes.calibration import ROUTINE
+    from encoder.eyes.routine import ROUTINE
 
     parts: list[tuple[Target, NDArray[np.uint8]]] = []
     for target in (target for target in ROUTINE if target.name != "blink"):

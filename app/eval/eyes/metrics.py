@@ -23,8 +23,8 @@ OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
 
 def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
     """What the routine gives for a clip's wearer."""
-    from encoder.eyes.calibration import SETTLE, Take, fit
     from encoder.eyes.encoder import new_encoder_state
+    from encoder.eyes.routine import SETTLE, Take, fit
 
     takes: list[Take] = []
     state = new_encoder_state()

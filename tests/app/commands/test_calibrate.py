@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from app.commands.calibrate import Calibrate, collect
-from app.drive.calibration import in_session, of_session, of_user, profile_path
-from encoder.eyes.calibration import ROUTINE, EyeCalibration
+from app.drive.calibration import in_session, keep, of_session, of_user, profile_path, undo
+from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.encoder import EyeReading
+from encoder.eyes.format import unit
+from encoder.eyes.routine import ROUTINE, Take
 from render.types import AHEAD
 from sensors.clock import ManualClock
+from sensors.session.recording import RecordingWriter
 from sensors.types import AudioPacket, EyePacket, InputError, Packet, SourceInfo
 
 
@@ -68,7 +71,7 @@ def test_collects_what_each_target_showed() -> None:
 def test_a_short_recording_is_one_line() -> None:
     with pytest.raises(InputError, match="whole routine"):
         collect(Pictures(50), grey, ManualClock(), lambda _: None, live=False)  # type: ignore[arg-type]
-    with pytest.raises(InputError, match="neither"):
+    with pytest.raises(InputError, match="got none"):
         Calibrate().run()
 
 
@@ -86,3 +89,48 @@ def test_is_kept_for_the_user_and_in_the_session(
     empty = SimpleNamespace(card={"calibration": {}}, folder=tmp_path)
     assert of_session(empty) is None  # type: ignore[arg-type]
     assert in_session(SimpleNamespace(calibration=None)) == {}  # type: ignore[arg-type]
+
+
+def test_a_calibration_can_be_taken_back(tmp_path: Path) -> None:
+    path = tmp_path / "eyes.json"
+    with pytest.raises(InputError, match="got none"):
+        undo(path)
+    first, second = (EyeCalibration(shift=((x, 0.0), (0.0, 0.0))) for x in (0.1, 0.2))
+    keep(first, path)
+    assert not undo(path) and of_user(path) is None  # none was there before
+    assert undo(path) and of_user(path) == first
+    keep(second, path)
+    assert undo(path) and of_user(path) == first
+    assert undo(path) and of_user(path) == second
+    assert {f.stat().st_mode & 0o777 for f in tmp_path.iterdir()} == {0o600}
+
+
+def wandering(seed: int) -> list[Take]:
+    rng, rows = np.random.default_rng(seed), list[Take]()
+    for target in ROUTINE:
+        frames = int(target.seconds * 30)
+        gaze = np.tile(unit(rng.uniform(-0.4, 0.4, 2)), (frames, 2, 1))
+        rows.append(Take(target, gaze, gaze, np.ones((frames, 2)), np.ones((frames, 2), bool)))
+    return rows
+
+
+def test_nothing_is_written_where_nobody_followed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: it was written."""
+    path = tmp_path / "eyes.json"
+    keep(EyeCalibration(), path)
+    monkeypatch.setattr(Calibrate, "_takes", lambda self: wandering(3))
+    with pytest.raises(InputError, match="nothing was written"):
+        Calibrate(eyes=("uvc:0",), out=path).run()
+    assert of_user(path) == EyeCalibration() and len(list(tmp_path.iterdir())) == 1
+    assert "did not follow" in capsys.readouterr().out
+
+
+def test_a_session_without_eyes_is_told(tmp_path: Path) -> None:
+    """Red before: it wrote a calibration."""
+    with RecordingWriter(tmp_path / "voice", created="") as writer:
+        writer.append(AudioPacket(0, 0, np.zeros(48_000 * 11, np.float32)))
+    with pytest.raises(InputError, match="pictures of the eyes"):
+        Calibrate(session=tmp_path / "voice", out=tmp_path / "eyes.json").run()
+    assert not (tmp_path / "eyes.json").exists()

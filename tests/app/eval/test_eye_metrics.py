@@ -15,9 +15,9 @@ from app.eval.eyes.clips import EyeClip
 from app.eval.eyes.evaluate import make_thresholds, walk_metrics
 from app.eval.eyes.metrics import Metrics, blinded, calibrated, encoder_metrics, fault_metrics
 from app.eval.eyes.sheets import sheet
-from encoder.eyes.calibration import ROUTINE
 from encoder.eyes.encoder import EyeReading
 from encoder.eyes.format import unit
+from encoder.eyes.routine import ROUTINE
 
 FRAMES = 90
 

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from encoder.eyes.calibration import MAX_SHIFT, ROUTINE, EyeCalibration, Take, fit
+from encoder.eyes.calibration import MAX_SHIFT, EyeCalibration
 from encoder.eyes.format import unit
+from encoder.eyes.routine import ROUTINE, EyeFit, Take, fit
 from sensors.types import InputError
 
 
@@ -34,6 +35,12 @@ def takes(
     return result
 
 
+def refusals(fits: tuple[EyeFit, ...]) -> list[str]:
+    return [f"gaze: {eye.gaze}" for eye in fits if eye.gaze] + [
+        f"lid: {eye.lid}" for eye in fits if eye.lid
+    ]
+
+
 def error(calibration: EyeCalibration, rows: list[Take]) -> float:
     gaps = []
     for take in rows:
@@ -50,8 +57,8 @@ def test_routine_takes_ten_seconds() -> None:
 
 def test_undoes_a_persons_map() -> None:
     rows = takes()
-    calibration, refused = fit(rows)
-    assert not refused
+    calibration, fits = fit(rows)
+    assert not refusals(fits) and {eye.grade for eye in fits} == {"good"}
     assert error(EyeCalibration(), rows) > 3 and error(calibration, rows) < 1.2
     ahead = rows[0].gaze[0]
     _, lids = calibration.apply(ahead, ahead, np.array([0.25, 0.8], np.float32))
@@ -64,24 +71,24 @@ def test_refuses_what_does_not_help() -> None:
         Take(t.target, t.gaze, unit(rng.normal(0, 0.4, t.gaze.shape[:2] + (2,))), t.lids, t.good)
         for t in takes(shut=0.7)
     ]
-    calibration, refused = fit(wild)
-    lids = [words for words in refused if words.startswith("lid")]
+    calibration, fits = fit(wild)
+    lids = [words for words in refusals(fits) if words.startswith("lid")]
     assert len(lids) == 2 and calibration.shut == (0.0, 0.0) and calibration.open == (1.0, 1.0)
     far = [
         Take(t.target, t.gaze, unit(t.relative[..., :2] * -1.0 + 0.5), t.lids, t.good)
         for t in takes()
     ]
-    calibration, refused = fit(far)
-    assert len(refused) == 2 and calibration.matrix == EyeCalibration().matrix
+    calibration, fits = fit(far)
+    assert len(refusals(fits)) == 2 and calibration.matrix == EyeCalibration().matrix
 
 
 def test_an_eye_that_was_not_seen_stays_as_it_is() -> None:
     blind = np.array([True, False])
     rows = [Take(t.target, t.gaze, t.relative, t.lids, t.good & blind) for t in takes()]
-    calibration, refused = fit(rows)
+    calibration, fits = fit(rows)
     identity = EyeCalibration()
     assert calibration.matrix[1] == identity.matrix[1] and calibration.shut[1] == 0
-    assert calibration.matrix[0] != identity.matrix[0] and len(refused) == 2
+    assert calibration.matrix[0] != identity.matrix[0] and len(refusals(fits)) == 2
     assert calibration.relative == (True, False)
     guess, relative = unit(np.array([[[0.1, 0], [0.1, 0]], [[0.3, 0], [0.3, 0]]]))
     shown, _ = calibration.apply(guess, relative, np.ones(2, np.float32))
@@ -94,9 +101,10 @@ def test_a_good_guess_is_kept_where_the_fit_is_worse() -> None:
     for take in takes():
         exact = np.tile(take.target.direction, (*take.gaze.shape[:2], 1))
         rows.append(replace(take, gaze=exact, relative=unit(0 * exact[..., :2])))
-    calibration, refused = fit(rows)
+    calibration, fits = fit(rows)
     assert calibration.relative == (False, False)
-    assert sum(words.startswith("gaze") for words in refused) == 2
+    assert [eye.gaze for eye in fits] == ["no better than without"] * 2
+    assert all(eye.followed and eye.grade == "good" for eye in fits)
 
 
 def test_only_what_was_seen_of_arrived_eyes_counts() -> None:
@@ -117,11 +125,36 @@ def test_only_what_was_seen_of_arrived_eyes_counts() -> None:
 def test_eyes_that_close_late_are_closed_all_the_same() -> None:
     rows = takes()
     rows[-1].lids[:30] = rows[0].lids[:30]
-    calibration, refused = fit(rows)
-    assert not refused and max(calibration.shut) < 0.3
+    calibration, fits = fit(rows)
+    assert not refusals(fits) and max(calibration.shut) < 0.3
     ahead = rows[0].gaze[0]
     _, lids = calibration.apply(ahead, ahead, np.float32([0.05, 1.0]))
     assert lids.tolist() == [0, 1]
+
+
+@pytest.mark.parametrize("what", ["wandering", "elsewhere", "crossed", "still"])
+def test_eyes_that_did_not_follow_are_told(what: str) -> None:
+    """Red before: a recording in which nobody followed wrote a crossed matrix."""
+    written = 0
+    for seed in range(40):
+        rng, rows = np.random.default_rng(seed), list[Take]()
+        order = rng.permutation(5) if what == "elsewhere" else np.arange(5)
+        while what == "elsewhere" and np.sum(order == np.arange(5)) > 1:
+            order = rng.permutation(5)
+        for k, take in enumerate(takes(seed=seed)):
+            xy = rng.uniform(-0.3, 0.3, 2)  # wandering: one place, for as long as the target shows
+            if what == "elsewhere":
+                xy = ROUTINE[order[k]].direction[:2] if k < 5 else xy
+            elif what == "crossed":
+                xy = take.target.direction[1::-1]
+            elif what == "still":
+                xy = np.zeros(2)
+            seen = unit(np.tile(xy, (*take.gaze.shape[:2], 1)) + rng.normal(0, 0.01, (2, 2)))
+            rows.append(replace(take, gaze=seen, relative=seen))
+        calibration, fits = fit(rows)
+        written += calibration.relative != (False, False) or any(eye.followed for eye in fits)
+        assert {eye.grade for eye in fits} <= {"did not follow", "poor"}
+    assert written <= 1  # of 40: chance may look at five targets, too
 
 
 def test_perfect_eyes_are_left_nearly_alone() -> None:
