@@ -3,7 +3,6 @@
 import asyncio
 import json
 import logging
-import os
 import signal
 import socket
 import sys
@@ -12,13 +11,10 @@ from app.web.info import ServerInfo
 from app.web.link import STATUS
 from sensors.types import InputError
 
-NICENESS = 10  # the tick goes first
-
 
 def main() -> None:
     """Serve; what goes wrong at the start is told through the socket."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
-    os.nice(NICENESS)
     logging.disable(logging.CRITICAL)  # garbage from clients is their affair
     end = socket.socket(fileno=int(sys.argv[1]))
     info = ServerInfo(**json.loads(sys.argv[2]))

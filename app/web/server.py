@@ -7,6 +7,7 @@ WebSocket /microphone -> socket
 import asyncio
 import json
 import mimetypes
+import os
 import socket
 import ssl
 import time
@@ -32,6 +33,7 @@ PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
 JSON_DEPTH = 30  # ticks that may wait for a program; for a page only the newest does
 STATUS_S = 0.5
+NICENESS = 10  # the tick goes first
 SHUTDOWN_S = 0.5  # what still talks after that is cut off
 HEADERS = {
     "Content-Security-Policy": (
@@ -75,6 +77,7 @@ class WebServer:
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
         self._tell(addresses=self._addresses(port, token))
+        os.nice(NICENESS)  # not before: on a busy machine the start took a minute
         while not ended.done():
             await asyncio.wait([ended], timeout=STATUS_S)
             self._tell(**self.counts())  # also once at the end
