@@ -100,6 +100,7 @@ class SourceInfo:
     eyes: tuple[int, ...] = ()  # the eye indices it can deliver
     head: bool = False
     duration_ns: int | None = None  # None: live, unknown length
+    num_frames: int | None = None  # whole frames that its sound makes; None: unknown
     devices: Mapping[str, str] = field(default_factory=dict[str, str])  # stream -> device name
 
 

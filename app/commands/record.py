@@ -3,12 +3,14 @@
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
+import tyro
 from tyro.conf import Positional
 
 from app.commands.live import LiveOptions, ends_on_signals
 from app.compose.live import live_source, open_recorder, tell
+from sensors.head import spec as heads
 from sensors.types import NS
 
 if TYPE_CHECKING:
@@ -24,6 +26,11 @@ class Record(LiveOptions):
 
     folder: Positional[Path]
     """Folder to create."""
+    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none")] = None
+    """Microphone, or a part of its name; none for silence. See: livedrive devices."""
+    head: Annotated[
+        str, tyro.conf.arg(metavar="SPEC|still", help=f"A tracker of the head: {heads.HELP}.")
+    ] = "still"
 
     def run(self) -> None:
         import sys

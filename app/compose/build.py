@@ -16,7 +16,7 @@ from app.drive.loop import Drive
 from app.drive.sink import Expendable, RunInfo, Sink
 from app.drive.stages import Stages
 from app.drive.view import PortraitView
-from sensors.types import FPS, NS, Clock, Source
+from sensors.types import Clock, Source
 
 if TYPE_CHECKING:
     from app.call.live.tape import CallTape
@@ -64,8 +64,7 @@ def build(
     from render.decoder.decoder import Decoder
 
     who, decoder = identity.load(settings.avatar), Decoder.load(gaussians=settings.gaussians)
-    duration_ns = source.info.duration_ns
-    frames = None if duration_ns is None else duration_ns * FPS // NS
+    frames = source.info.num_frames
     stages, emotions = Stages(), _emotion_control(settings, driver)
     driver.alive = _alive(settings.head, decoder)
     page = page or open_page(settings, clock)
@@ -79,7 +78,7 @@ def build(
         driver=driver,
         clock=clock,
         sinks=[
-            *(files if duration_ns is not None else map(Expendable, files)),
+            *(files if frames is not None else map(Expendable, files)),
             *sinks,
             *network,
             *([window] if window else []),

@@ -5,7 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.compose.settings import HEAD_MODES, DriveSettings, LiveSettings
-from sensors.types import Clock, InputError
+from sensors.types import SAMPLE_RATE, Clock, InputError
+
+SOUND_BYTES_S, EYE_BYTES_S = 4 * SAMPLE_RATE, 1.8e6  # an eye: FFV1 at 30 Hz, measured
 
 if TYPE_CHECKING:
     from app.web.sink import WebSink
@@ -98,10 +100,22 @@ def open_recorder(
     from sensors.live.recorder import LiveRecorder
 
     created = datetime.now(UTC).isoformat(timespec="seconds")
-    devices = source.info.devices
-    return LiveRecorder(
-        folder, created=created, devices=devices, tell=tell, calibration=calibration
+    info = source.info
+    recorder = LiveRecorder(
+        folder, created=created, devices=info.devices, tell=tell, calibration=calibration
     )
+    if not recorder.problem:
+        tell(f"recording into {folder}: {_size(folder, len(info.eyes))}")
+    return recorder
+
+
+def _size(folder: Path, eyes: int) -> str:
+    """What an hour takes, and how long there is room."""
+    import shutil
+
+    an_hour = 3600 * (SOUND_BYTES_S + eyes * EYE_BYTES_S)
+    hours = shutil.disk_usage(folder).free / an_hour
+    return f"about {an_hour / 1e9:.1f} GB an hour, room for {hours:.0f} hours"
 
 
 def tell(line: str) -> None:

@@ -1,13 +1,20 @@
 """The moving head as files of Gaussians: a folder of PLY or of glTF, named by frame index."""
 
+import shutil
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
 
 from app.drive.sink import FrameResult, RunInfo
-from render.decoder.decoder import Decoder
+from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.decoder.identity import Identity
-from render.types import Gaussians
-from sensors.types import InputError
+from render.types import AHEAD, Gaussians
+from sensors.types import FPS, InputError
+
+MUCH_BYTES = 200e6  # from here on it is told before it is written
 
 
 class CloudSink:
@@ -28,7 +35,25 @@ class CloudSink:
         self._decoder, self._identity = decoder, identity
 
     def on_start(self, info: RunInfo) -> None:
+        """Tell how much it will be; raises InputError where the disk has no room for it."""
         self._folder.mkdir(parents=True, exist_ok=True)
+        rest = np.zeros(EXPRESSION_DIM, np.float32)
+        _, gaussians = self._decoder.decode(rest, AHEAD, self._identity)
+        with TemporaryDirectory(dir=self._folder) as spare:
+            path = Path(spare) / f"rest{self._suffix}"
+            self._save(path, gaussians)
+            size = path.stat().st_size
+        files = FPS * 60 // self._every if info.frames is None else -(-info.frames // self._every)
+        what = f"{files} files of {size / 1e6:.1f} MB, {files * size / 1e9:.2f} GB"
+        if info.frames is None:
+            what += " a minute"
+        elif files * size > shutil.disk_usage(self._folder).free:
+            raise InputError(
+                f"{self._folder}: expected room for {what}, got a disk with less; "
+                f"try --every {30 * self._every}"
+            )
+        if files * size > MUCH_BYTES:
+            print(f"livedrive: {self._folder}: {what}; --every sets how many", file=sys.stderr)
 
     def on_frame(self, result: FrameResult) -> None:
         driven = result.driven

@@ -20,6 +20,7 @@ from app.web.link import SOUND, SOUND_HEAD
 CHUNK_HEAD = struct.Struct("<q")  # counter of the chunk's first sample, from the page
 MAX_CHUNK = 4800  # samples in one message
 MAX_CHUNKS = 200.0  # messages a second
+TAKEN = b"another page has the microphone"
 SILENT_S = 10.0  # a microphone that sends nothing for so long is let go
 
 
@@ -36,8 +37,11 @@ class VoiceEndpoint:
         return {"chunks": self._chunks, "dropped": self._dropped, "refused": self._broken}
 
     async def serve(self, request: web.Request) -> web.WebSocketResponse:
-        if self._taken:
-            raise web.HTTPConflict(text="Another page has the microphone.\n")
+        if self._taken:  # refused as a WebSocket: a page is told the reason of no other refusal
+            ws = web.WebSocketResponse(timeout=CLOSE_S)
+            await ws.prepare(request)
+            await ws.close(code=WSCloseCode.TRY_AGAIN_LATER, message=TAKEN)
+            return ws
         self._taken = True
         self._page += 1
         try:

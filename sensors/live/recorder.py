@@ -1,7 +1,8 @@
 """LiveRecorder: a session written beside a live run that must not wait for a disk.
 
 Flow: drive | record -> LiveRecorder.append -> queue -> thread -> RecordingWriter. A full or broken
-disk stops the recording with one clear line; driving goes on.
+disk stops the recording with one clear line; driving goes on. Sound of more than 4 GiB goes on in
+another session beside the first.
 """
 
 import queue
@@ -11,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sensors.session.recording import RecordingWriter
-from sensors.types import InputError, Packet
+from sensors.types import EmotionPacket, InputError, Packet
 
 MAX_WAITING = 1024  # packets; about 6 s of sound and both eyes
 JOIN_S = 30.0
@@ -32,12 +33,16 @@ class LiveRecorder:
         """Raises InputError where the folder holds something already."""
         self.problem = ""  # why nothing is recorded any more
         self._folder, self._tell = folder, tell
+        self._words: dict[str, Any] = {
+            "created": created,
+            "devices": devices,
+            "calibration": calibration,
+        }
+        self._emotion: EmotionPacket | None = None  # that a session which goes on begins with
         self._queue: queue.Queue[Packet | None] = queue.Queue(MAX_WAITING)
         self._thread: threading.Thread | None = None
         try:
-            self._writer = RecordingWriter(
-                folder, created=created, devices=devices, calibration=calibration
-            )
+            self._writer = RecordingWriter(folder, **self._words)
         except InputError:
             raise
         except OSError as error:
@@ -69,12 +74,26 @@ class LiveRecorder:
         try:
             while (packet := self._queue.get()) is not None:
                 if not self.problem:
-                    self._writer.append(packet)
+                    self._append(packet)
             self._writer.close()
         except failures as error:
             self._stop(getattr(error, "strerror", None) or str(error))
             while self._queue.get() is not None:
                 pass
+
+    def _append(self, packet: Packet) -> None:
+        if isinstance(packet, EmotionPacket):
+            self._emotion = packet
+        if not self._writer.has_room(packet):
+            self._writer.close()
+            folder, number = self._folder, 1
+            while (folder := self._folder.with_name(f"{self._folder.name}-{number:03d}")).exists():
+                number += 1
+            self._tell(f"{self._writer.folder} is full (4 GiB of sound): going on in {folder}")
+            self._writer = RecordingWriter(folder, **self._words)
+            if self._emotion:
+                self._writer.append(EmotionPacket(packet.t_ns, self._emotion.words))
+        self._writer.append(packet)
 
     def _stop(self, reason: str) -> None:
         if not self.problem:

@@ -97,7 +97,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "created": recording.card.get("created", ""),
             "devices": dict(recording.info.devices),
             "seconds": round(recording.duration_ns / NS, 6),
-            "frames": (samples + missing) // SAMPLES_PER_FRAME,
+            "frames": recording.num_frames,
             "partial_samples": (samples + missing) % SAMPLES_PER_FRAME,
             "audio_samples": samples,
             "audio_gaps": gaps,

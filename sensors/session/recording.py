@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sensors import files
-from sensors.assemble import check_audio, check_eye
+from sensors.assemble import MAX_FILL, check_audio, check_eye
 from sensors.session import format as fmt
 from sensors.session.eye_video import EYE_CODECS, EyeVideoWriter
 from sensors.session.format import AudioEntry, EmotionEntry, EyeEntry, HeadEntry
@@ -18,6 +18,7 @@ from sensors.session.streams import AudioStream, EyeStream
 from sensors.session.wav import FORMATS, WavWriter
 from sensors.types import (
     EYE_NAMES,
+    SAMPLES_PER_FRAME,
     AudioPacket,
     EmotionPacket,
     HeadPacket,
@@ -53,6 +54,16 @@ class Recording:
         return max(map(fmt.end_ns, self.entries)) - min(e.t_ns for e in self.entries)
 
     @property
+    def num_frames(self) -> int:
+        """Frames that an assembler makes of the sound, lost samples included."""
+        samples, expected = 0, None
+        for entry in self.audio.entries:
+            missing = 0 if expected is None else max(entry.first_sample - expected, 0)
+            samples += min(missing, MAX_FILL) + entry.num_samples
+            expected = entry.first_sample + entry.num_samples
+        return samples // SAMPLES_PER_FRAME
+
+    @property
     def info(self) -> SourceInfo:
         devices = {str(k): str(v) for k, v in dict(self.card.get("devices", {})).items()}
         name, eyes = f"session {self.folder.name}", tuple(self.eyes)
@@ -62,6 +73,7 @@ class Recording:
             eyes=eyes,
             head=bool(self.heads),
             duration_ns=self.duration_ns,
+            num_frames=self.num_frames,
             devices=devices,
         )
 
@@ -126,6 +138,10 @@ class RecordingWriter:
         self._start_ns: int | None = None
         self._closed = False
         fmt.write_card(self.folder, self._card)
+
+    def has_room(self, packet: Packet) -> bool:
+        """False once its sound no longer fits into audio.wav: another session has to go on."""
+        return not isinstance(packet, AudioPacket) or self._wav.has_room(len(packet.samples))
 
     def append(self, packet: Packet) -> None:
         if self._closed:

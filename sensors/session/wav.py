@@ -30,13 +30,17 @@ class WavWriter:
         self.num_samples = 0
         self._file.write(_header(self._tag, self._width, 0))
 
+    def has_room(self, num_samples: int) -> bool:
+        """4 GiB hold 6.2 hours of float32."""
+        return (self.num_samples + num_samples) * self._width <= MAX_DATA_BYTES
+
     def append(
         self,
         samples: NDArray[np.float32],  # [n] -1..1
     ) -> int:
         """Write the samples; return the offset of the first one in the file."""
         offset = self.num_samples
-        if (offset + len(samples)) * self._width > MAX_DATA_BYTES:
+        if not self.has_room(len(samples)):
             raise OSError(errno.EFBIG, "audio.wav holds no more than 4 GiB; start a new session")
         if self._format == "float32":
             data = samples.astype("<f4")

@@ -26,7 +26,7 @@ export class Microphone {
     });
     this.stream = stream;
     this.socket = new WebSocket(this.address);
-    this.socket.onclose = () => this.stop();
+    this.socket.onclose = ({ reason }) => this.stop(`microphone: ${reason || "the run has ended"}`);
     node.port.onmessage = ({ data }) => this.send(data);
     this.context.createMediaStreamSource(stream).connect(node);
     this.changed("");
@@ -45,7 +45,7 @@ export class Microphone {
     this.sent++;
   }
 
-  async stop() {
+  async stop(problem = "") {
     const { context, stream, socket } = this;
     if (!context) return;
     this.context = null;
@@ -53,6 +53,6 @@ export class Microphone {
     socket.close();
     stream.getTracks().forEach((track) => track.stop());
     await context.close();
-    this.changed("");
+    this.changed(problem);
   }
 }

@@ -1,7 +1,9 @@
 """Files for other programs, each opened by a reader that is not ours."""
 
 import csv
+import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
 import av
 import numpy as np
@@ -100,6 +102,24 @@ def test_pygltflib_reads_a_posed_head(cloud: Gaussians, tmp_path: Path) -> None:
     position = file.accessors[primitive.attributes.POSITION]
     assert position.min == pytest.approx((cloud.means / 1000).min(0), abs=1e-6)
     assert position.max == pytest.approx((cloud.means / 1000).max(0), abs=1e-6)
+
+
+def test_much_is_told_before_it_is_written_and_too_much_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: 2 GB for the demo without a word."""
+    decoder, who = Decoder.load(), identity.load("ben")
+    sink = CloudSink(tmp_path / "heads", 1, ".ply", ply.save, decoder, who)
+    sink.on_start(RunInfo(64, 64, 484))
+    told = capsys.readouterr().err
+    assert "484 files" in told and " GB; --every" in told
+    assert not list((tmp_path / "heads").iterdir())
+    CloudSink(tmp_path / "heads", 30, ".ply", ply.save, decoder, who).on_start(RunInfo(64, 64, 484))
+    assert capsys.readouterr().err == ""
+    full = SimpleNamespace(free=1_000_000)
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: full)
+    with pytest.raises(InputError, match="try --every 30"):
+        sink.on_start(RunInfo(64, 64, 484))
 
 
 @pytest.mark.parametrize(("suffix", "save"), [(".ply", ply.save), (".glb", gltf.save)])

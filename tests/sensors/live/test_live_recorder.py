@@ -10,9 +10,10 @@ import pytest
 from material import packets, same_packet
 
 from sensors.live.recorder import LiveRecorder
+from sensors.session import wav
 from sensors.session.files import export
 from sensors.session.recording import Recording
-from sensors.types import InputError
+from sensors.types import EmotionPacket, InputError, Packet
 
 
 def recorder(folder: Path, told: list[str]) -> LiveRecorder:
@@ -31,6 +32,28 @@ def test_what_is_appended_is_recorded(tmp_path: Path) -> None:
         assert recording.card["closed"] is True
         got = [recording.packet(entry) for entry in recording.entries]
     assert all(b is not None and same_packet(a, b) for a, b in zip(sent, got, strict=True))
+
+
+def test_sound_that_no_longer_fits_goes_on_in_another_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the recording ended after 6.2 hours."""
+    monkeypatch.setattr(wav, "MAX_DATA_BYTES", 4 * 48_000 // 5)  # a fifth of a second
+    (tmp_path / "s-001").mkdir()
+    (tmp_path / "s-001" / "somebody's").write_text("")
+    sent, told = [EmotionPacket(0, "happy"), *packets(0.5)], list[str]()
+    tape = recorder(tmp_path / "s", told)
+    for packet in sent:
+        tape.append(packet)
+    tape.close()
+    assert [line.split()[-1] for line in told] == [str(tmp_path / f"s-{k:03d}") for k in (2, 3)]
+    got: list[Packet | None] = []
+    for name in ("s", "s-002", "s-003"):
+        with Recording(tmp_path / name) as recording:
+            first, *rest = [recording.packet(entry) for entry in recording.entries]
+            assert isinstance(first, EmotionPacket) and first.words == "happy"
+            got += rest
+    assert all(b is not None and same_packet(a, b) for a, b in zip(sent[1:], got, strict=True))
 
 
 def test_recordings_belong_to_their_owner_alone(tmp_path: Path) -> None:

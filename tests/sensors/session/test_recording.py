@@ -13,6 +13,7 @@ import pytest
 import soundfile
 from material import image, packets, same_packet
 
+from sensors.session.files import replay_frames
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, EyePacket, InputError
 
@@ -224,3 +225,15 @@ def test_recording_two_eyes_and_sound_leaves_time_to_spare(tmp_path: Path) -> No
         for packet in sent:
             writer.append(packet)
     assert time.process_time() - start < 1.0
+
+
+def test_frames_are_counted_as_they_will_be_made(tmp_path: Path) -> None:
+    """Red before: a session that ends with a picture promised a frame too many."""
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        writer.append(AudioPacket(0, 0, np.zeros(16_000, np.float32)))
+        later = 3 * 48_000
+        writer.append(AudioPacket(NS * 3, later, np.zeros(1_700, np.float32)))
+        writer.append(EyePacket(NS * 4, 0, 0, np.zeros((400, 400), np.uint8)))
+    with Recording(tmp_path / "s") as recording:
+        assert recording.info.num_frames == (later + 1_700) // 1600
+        assert sum(1 for _ in replay_frames(recording)) == recording.num_frames
