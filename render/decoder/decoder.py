@@ -168,15 +168,15 @@ class Decoder:
         bent, turned, at_rest = None, None, vertices[cache.skin.rows]
         if breath or head != REST:
             bent = cache.neck.bent(head, breath)
-            turned = TurnedHead(bent, cache.static, cache.stretch)
-            neck.bend_points(vertices, cache.skin, bent)
-        albedo = cache.reflected, cache.gloss
-        place = self.surface.place
-        place(vertices, visibility, cache.rest, *albedo, skin, self.lighting, turned)
+            turned = TurnedHead(bent, cache.still, cache.stretch)
+            neck.bend_vertices(vertices, cache.skin, bent)
+        shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
+        self.surface.place(*shown, skin, self.lighting, turned)
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
-            line.tint_covered(vertices, skin.means, eye, skin.colors[lids].mean(0), skin.colors)
-        gap = self.posing.mouth.gaps(vertices).max()
-        opened = np.clip((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0, 1)
+            seen = skin.means[eye] if bent is None else neck.turned_back(skin.means[eye], bent)
+            line.tint_covered(vertices, seen, eye, skin.colors[lids].mean(0), skin.colors)
+        gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
+        opened = np.clip(gap / MOUTH_OPENS_MM, 0, 1)
         opacities[self.interior] = cache.opacities[self.interior] * opened
 
         half = HALF @ bent.head[:, :3] if bent else HALF
@@ -189,14 +189,15 @@ class Decoder:
 
         strands = slice(len(means) - len(identity.beard), len(means))
         identity.beard.attach(vertices, means[strands], quats[strands])
-        hair = slice(count + 2, strands.start)
-        means[hair], quats[hair] = cache.strands.means, cache.strands.quats
+        hair, still = slice(count + 2, strands.start), (cache.strands.means, cache.strands.quats)
         if bent:
             vertices[cache.skin.rows] = at_rest
-            neck.bend_points(means[hair], cache.hair, bent)
-            neck.bend_quats(quats[hair], cache.hair, bent)
-            neck.turn(means, quats, bent)
+            neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
+            for rows in (slice(count, count + 2), strands):
+                neck.turn(means[rows], quats[rows], bent)
             quats[count : count + 2] = (1, 0, 0, 0)  # round: a turn shows nothing
+        else:
+            means[hair], quats[hair] = still
         return Mesh(vertices, self.faces), cloud
 
     @cached_property
@@ -222,12 +223,14 @@ class Decoder:
             biases = self.light.nested(identity.biases)
             used = identity.geometry[self.surface.used]
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
+            rest = self.surface.at_rest(identity.geometry, identity.visibility, self.lighting)
+            one, other = rest.still
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = (self.shares @ identity.gloss)[:, None]
             cache = IdentityCache(
                 biases=biases,
                 light=self.light(neutral, biases),
-                rest=self.surface.at_rest(identity.geometry, self.lighting),
+                rest=rest,
                 reflected=(self.shares @ identity.albedo) ** 2,
                 gloss=np.concatenate([gloss, gloss * rims], 1),
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
@@ -236,7 +239,7 @@ class Decoder:
                 cloud=EMPTY,
                 neck=bones,
                 skin=bones.share(identity.geometry),
-                static=bones.share(used[self.surface.static]),
+                still=(bones.share(used[one.rows]), bones.share(used[other.rows])),
                 stretch=self.surface.interpolate @ bones.stretch(used),
                 hair=bones.share(identity.hair.means),
             )

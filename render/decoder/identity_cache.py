@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from render.decoder.identity import Identity
-from render.decoder.neck import Neck, Share
-from render.decoder.surface import RestSurface
+from render.decoder.neck import Neck, RestSurface, Share
 from render.lighting import Lighting
 from render.types import FIELDS, Floats, Gaussians, Shine
 
@@ -27,7 +26,7 @@ class IdentityCache(NamedTuple):
     cloud: Gaussians  # what `decode` with `reuse` fills
     neck: Neck
     skin: Share  # of the mesh
-    static: Share  # of the vertices that rest while the face moves
+    still: tuple[Share, Share]  # of rest.still
     stretch: Floats  # [N] of the neck's skin
     hair: Share
 

@@ -60,8 +60,8 @@ class Line:
     def tint_covered(
         self,
         vertices: Floats,  # [V, 3] mm
-        points: Floats,  # [N, 3] mm
-        rows: NDArray[np.intp],  # [n] the points behind the line
+        points: Floats,  # [n, 3] mm, behind the line
+        rows: NDArray[np.intp],  # [n] their colours
         color: Floats,  # [3]
         colors: Floats,  # [N, 3], changed in place
     ) -> None:

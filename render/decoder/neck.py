@@ -35,13 +35,17 @@ RADIUS_MM = 45.0  # of a neck, for how far its skin is stretched
 
 
 class Bent(NamedTuple):
-    """A spine in one pose. Where its parts are is seen from the head."""
+    """A spine in one pose, from the chest to the head."""
 
-    moves: Floats  # [STEPS + 1, 3, 4] from the chest to the head, which rests
+    moves: Floats  # [STEPS + 1, 3, 4] in the room
     turns: Floats  # [STEPS + 1, 4] wxyz, the same as rotations
-    head: Floats  # [3, 4] how the head moves
-    quat: Floats  # [4] wxyz, the same as a rotation
+    from_head: Floats  # [STEPS + 1, 3, 4] seen from the head, which rests
     angle: float  # rad
+
+    @property
+    def head(self) -> Floats:  # [3, 4]
+        """How the head moves."""
+        return self.moves[-1]
 
 
 class Share(NamedTuple):
@@ -51,22 +55,48 @@ class Share(NamedTuple):
     along: Floats  # [n] how far they go with it, 0..1
 
 
+class StillPart(NamedTuple):
+    """Vertices that the neck, teeth and scalp keep when the face moves."""
+
+    rows: Ints  # [n] of `used`
+    normals: Floats  # [n, 3] unit
+    parts: Floats  # [n, 12] see Lighting.parts
+
+
+class RestSurface(NamedTuple):
+    """What follows from a person at rest."""
+
+    still: tuple[StillPart, StillPart]  # what light reaches, and the rest of what is not live
+    sums: Floats  # [L] twice the area around each live vertex
+    widths: Floats  # [N] mm, at rest on the mean face where they follow a triangle
+
+
 class TurnedHead(NamedTuple):
     """A head that is not at rest, for the skin."""
 
     bent: Bent
-    static: Share  # of the vertices that rest while the face moves
+    still: tuple[Share, Share]  # of RestSurface.still
     stretch: Floats  # [N] of the skin, a rad
 
-    def bend(self, normals: Floats, widths: Floats) -> tuple[Floats, Floats]:
-        """Normals [U - L, 3] of those vertices, seen from the head; widths [N] of Gaussians."""
-        normals = normals.copy()
-        kernels.turn_normals(self.static.rows, self.static.along, self.bent.moves, normals)
-        return normals, widths * (1 + self.stretch * self.bent.angle).astype(np.float32)
+    def surface(self, rest: RestSurface, lights: Lighting) -> RestSurface:
+        """What rests, as head and neck turn and stretch it."""
+        (lit, dark), (share, other) = rest.still, self.still
+        normals = self._bend(lit.normals, share)
+        still = (
+            StillPart(lit.rows, normals, lights.parts(normals)),
+            dark._replace(normals=self._bend(dark.normals, other)),
+        )
+        widths = rest.widths * (1 + self.stretch * self.bent.angle).astype(np.float32)
+        return RestSurface(still, rest.sums, widths)
 
-    def lit(self, normals: Floats, lights: Lighting, gains: Floats | None = None) -> Floats:
-        """Lighting.parts of normals [n, 3] that are seen from the head."""
-        return lights.parts(normals @ self.bent.head[:, :3].T, gains)
+    def turn(self, normals: Floats) -> Floats:  # [n, 3]
+        """As the head turns them."""
+        return normals @ self.bent.head[:, :3].T
+
+    def _bend(self, normals: Floats, share: Share) -> Floats:  # [n, 3] at rest
+        turned = self.turn(normals)
+        kernels.turn_normals(*share, self.bent.moves, normals, turned)
+        return turned
 
 
 @dataclass(frozen=True)
@@ -115,22 +145,16 @@ class Neck:
         offsets = places - (matrices @ self.spine[:, :, None])[:, :, 0]
 
         turn, offset = matrices[-1], offsets[-1]
-        moves = np.empty((STEPS + 1, 3, 4), np.float32)
-        moves[:, :, :3] = turn.T @ matrices
-        moves[:, :, 3] = (offsets - offset) @ turn
-        back = turns * (1, -1, -1, -1)  # the way from the head back is the way from the chest up
-        whole = np.concatenate([turn, offset[:, None]], 1)
-        quat, angle = turns[-1].astype(np.float32), 2 * float(half[-1])
-        return Bent(moves, back[::-1].astype(np.float32), whole.astype(np.float32), quat, angle)
+        moves, from_head = np.empty((2, STEPS + 1, 3, 4), np.float32)
+        moves[:, :, :3], moves[:, :, 3] = matrices, offsets
+        from_head[:, :, :3] = turn.T @ matrices
+        from_head[:, :, 3] = (offsets - offset) @ turn
+        return Bent(moves, turns.astype(np.float32), from_head, 2 * float(half[-1]))
 
     def stations(self, head: HeadPose, breath: float, count: int) -> Floats:  # [count, 3, 4]
         """How points move at even steps from the chest to the head, seen from the room; for
         those who turn the head themselves. `count` - 1 divides STEPS."""
-        bent = self.bent(head, breath)
-        moves = bent.moves[:: STEPS // (count - 1)]
-        out = bent.head[:, :3] @ moves
-        out[:, :, 3] += bent.head[:, 3]
-        return out
+        return self.bent(head, breath).moves[:: STEPS // (count - 1)]
 
     @cached_property
     def spine(self) -> Doubles:  # [STEPS + 1, 3] mm
@@ -149,18 +173,33 @@ class Neck:
         return (x, y, z)
 
 
-def bend_points(points: Floats, share: Share, bent: Bent) -> None:
-    """Move points [N, 3] that do not go with the head, in place."""
-    kernels.bend(share.rows, share.along, bent.moves, points)
-
-
-def bend_quats(quats: Floats, share: Share, bent: Bent) -> None:  # [N, 4], in place
-    kernels.turn_quats(share.rows, share.along, bent.turns, quats)
+def bend_vertices(vertices: Floats, share: Share, bent: Bent) -> None:
+    """Move vertices [V, 3] that do not go with the head, seen from there, in place."""
+    kernels.bend(*share, bent.from_head, vertices, vertices)
 
 
 def turn(means: Floats, quats: Floats, bent: Bent) -> None:  # [N, 3] mm, [N, 4]
-    """Turn everything with the head, in place."""
-    kernels.turn(bent.head, bent.quat, means, quats)
+    """Turn what goes with the head, in place."""
+    kernels.turn(bent.head, bent.turns[-1], means, quats, means, quats)
+
+
+def turn_hair(
+    means: Floats,  # [N, 3] mm, at rest
+    quats: Floats,  # [N, 4]
+    share: Share,
+    bent: Bent,
+    out_means: Floats,  # -> [N, 3] mm
+    out_quats: Floats,  # -> [N, 4]
+) -> None:
+    """Turn what goes with the head, but for those that do so in part."""
+    kernels.turn(bent.head, bent.turns[-1], means, quats, out_means, out_quats)
+    kernels.bend(*share, bent.moves, means, out_means)
+    kernels.turn_quats(*share, bent.turns, quats, out_quats)
+
+
+def turned_back(points: Floats, bent: Bent) -> Floats:  # [n, 3] mm
+    """Points in the room, seen from the head."""
+    return (points - bent.head[:, 3]) @ bent.head[:, :3]
 
 
 def limited(head: HeadPose) -> HeadPose:

@@ -15,18 +15,18 @@ from scipy.sparse import csr_array
 
 from render import lighting
 from render.decoder.kernels import surface as kernels
-from render.decoder.neck import TurnedHead
+from render.decoder.neck import RestSurface, StillPart, TurnedHead
 from render.lighting import STUDIO, Lighting
 from render.types import Floats, Ints, Shorts
 
 SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
 FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width
 FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a doubled area
-FLUSHES = (
-    np.float32(0.6),
-    np.float32(1.35),
-)  # share of the area at rest; beyond it the colour stays
+# Shares of the area at rest; beyond them the colour stays.
+FLUSHES = (np.float32(0.6), np.float32(1.35))
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
+DARK = 0.02  # share of the light: what sees less at rest, as teeth, keeps its light in a turn
+AT_REST = np.eye(3, 4, dtype=np.float32)
 LIGHT = slice(6, 11)  # of what a vertex carries: linear light, shares of key light and sky
 STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
 
@@ -61,16 +61,6 @@ class SkinGaussians(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RestSurface:
-    """What follows from a person at rest; the neck, teeth and scalp keep it when the face moves."""
-
-    normals: Floats  # [U - L, 3] unit
-    parts: Floats  # [U - L, 12] see Lighting.parts
-    sums: Floats  # [L] twice the area around each live vertex
-    widths: Floats  # [N] mm, at rest on the mean face where they follow a triangle
-
-
-@dataclass(frozen=True)
 class Surface:
     """Shared by everyone; holds no state."""
 
@@ -86,13 +76,23 @@ class Surface:
     blood: Floats  # [L] 1 where the skin changes colour as it stretches, else 0
     depths: Floats  # [N] mm under the skin
 
-    def at_rest(self, vertices: Floats, lights: Lighting = STUDIO) -> RestSurface:  # [V, 3] mm
-        """Prepare a person; vertices are those of the face at rest."""
+    def at_rest(
+        self,
+        vertices: Floats,  # [V, 3] mm of the face at rest
+        visibility: Floats,  # [4, U]
+        lights: Lighting = STUDIO,
+    ) -> RestSurface:
+        """Prepare a person."""
         normals, _, areas = self.whole.normals(vertices)
         widths = self.scales * stretch(areas.take(self.triangle), self.rest_areas)
+        static = np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
+        lit = visibility[:, static].max(0) > DARK
+        one, other = (
+            StillPart(rows, normals[rows], lights.parts(normals[rows]))
+            for rows in (static[lit], static[~lit])
+        )
         return RestSurface(
-            normals[self.static],
-            lights.parts(normals[self.static]),
+            (one, other),
             self.face.normals(vertices)[1],
             np.where(self.live_triangle < 0, widths, self.scales),
         )
@@ -108,11 +108,10 @@ class Surface:
         lights: Lighting = STUDIO,
         turned: TurnedHead | None = None,
     ) -> None:
-        """The anchored Gaussians of a posed face, seen from the head; `turned`: its light, and how
-        the skin of the neck is bent and stretched."""
+        """The anchored Gaussians of a posed face; `turned`: how it is turned from where the
+        vertices are, and how the skin of the neck is bent and stretched."""
         if turned:
-            normals, widths = turned.bend(rest.normals, rest.widths)
-            rest = replace(rest, normals=normals, widths=widths, parts=turned.lit(normals, lights))
+            rest = turned.surface(rest, lights)
         attributes, areas = self.vertex_attributes(vertices, visibility, rest, lights, turned)
         rows, weights, triangles, rest_areas = self.anchors
         kernels.skin_gaussians(
@@ -132,16 +131,15 @@ class Surface:
         """What `kernels.skin_gaussians` interpolates from each used vertex [U, 11] (the light on a
         white surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
         normals, sums, areas = self.face.normals(vertices)
-        gains = self.flush(sums, rest.sums)
-        parts = turned.lit(normals, lights, gains) if turned else lights.parts(normals, gains)
+        if turned:
+            normals = turned.turn(normals)
+        parts = lights.parts(normals, self.flush(sums, rest.sums))
+        move = turned.bent.head if turned else AT_REST
         out = np.empty((len(self.used), 11), np.float32)
-        for rows, shown, lit in (
-            (self.live, normals, parts),
-            (self.static, rest.normals, rest.parts),
-        ):
+        for rows, shown, lit in (StillPart(self.live, normals, parts), *rest.still):
             kernels.vertex_attributes(
                 *(vertices, self.used, rows, shown, lit, visibility),
-                *(lighting.BLEED, lighting.BOUNCE, BEHIND, out),
+                *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
             )
         return out, areas
 
@@ -156,11 +154,6 @@ class Surface:
             scales=self.scales[rows],
             depths=self.depths[rows],
         )
-
-    @cached_property
-    def static(self) -> Ints:  # [U - L]
-        """Rows of `used` that are not live."""
-        return np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
 
     @cached_property
     def anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:

@@ -31,7 +31,8 @@ def bend(
     rows: Ints,  # [n] which points
     along: Floats,  # [n] how far they go with the head: 0 shoulders .. 1 head
     moves: Floats,  # [K, 3, 4] at even steps of that
-    points: Floats,  # [N, 3] mm, these rows changed in place
+    points: Floats,  # [N, 3] mm
+    out: Floats,  # -> [N, 3] these rows; may be `points`
 ) -> None:
     last = len(moves) - 1
     for n in range(len(rows)):
@@ -47,7 +48,7 @@ def bend(
             b = u * moves[low, k, 1] + v * moves[high, k, 1]
             c = u * moves[low, k, 2] + v * moves[high, k, 2]
             d = u * moves[low, k, 3] + v * moves[high, k, 3]
-            points[row, k] = a * x + b * y + c * z + d
+            out[row, k] = a * x + b * y + c * z + d
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -55,7 +56,8 @@ def turn_normals(
     rows: Ints,  # [n] which normals
     along: Floats,  # [n] see bend
     moves: Floats,  # [K, 3, 4]
-    normals: Floats,  # [N, 3] unit, these rows changed in place, at the nearest step
+    normals: Floats,  # [N, 3] unit
+    out: Floats,  # -> [N, 3] these rows, at the nearest step
 ) -> None:
     last = len(moves) - 1
     for n in range(len(rows)):
@@ -63,7 +65,7 @@ def turn_normals(
         row = np.uintp(rows[n])
         x, y, z = normals[row, 0], normals[row, 1], normals[row, 2]
         for k in range(3):
-            normals[row, k] = moves[i, k, 0] * x + moves[i, k, 1] * y + moves[i, k, 2] * z
+            out[row, k] = moves[i, k, 0] * x + moves[i, k, 1] * y + moves[i, k, 2] * z
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -71,7 +73,8 @@ def turn_quats(
     rows: Ints,  # [n] which rotations
     along: Floats,  # [n] see bend
     turns: Floats,  # [K, 4] wxyz
-    quats: Floats,  # [N, 4] these rows changed in place, at the nearest step
+    quats: Floats,  # [N, 4]
+    out: Floats,  # -> [N, 4] these rows, at the nearest step
 ) -> None:
     last = len(turns) - 1
     for n in range(len(rows)):
@@ -79,18 +82,20 @@ def turn_quats(
         row = np.uintp(rows[n])
         p, q, r, s = turns[i, 0], turns[i, 1], turns[i, 2], turns[i, 3]
         w, x, y, z = quats[row, 0], quats[row, 1], quats[row, 2], quats[row, 3]
-        quats[row, 0] = p * w - q * x - r * y - s * z
-        quats[row, 1] = p * x + q * w + r * z - s * y
-        quats[row, 2] = p * y - q * z + r * w + s * x
-        quats[row, 3] = p * z + q * y - r * x + s * w
+        out[row, 0] = p * w - q * x - r * y - s * z
+        out[row, 1] = p * x + q * w + r * z - s * y
+        out[row, 2] = p * y - q * z + r * w + s * x
+        out[row, 3] = p * z + q * y - r * x + s * w
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def turn(
     move: Floats,  # [3, 4]
     quat: Floats,  # [4] wxyz, the same as a rotation
-    means: Floats,  # [N, 3] mm, changed in place
-    quats: Floats,  # [N, 4] changed in place
+    means: Floats,  # [N, 3] mm
+    quats: Floats,  # [N, 4]
+    out_means: Floats,  # -> [N, 3]; may be `means`
+    out_quats: Floats,  # -> [N, 4]; may be `quats`
 ) -> None:
     a, b, c, d = move[0, 0], move[0, 1], move[0, 2], move[0, 3]
     e, f, g, h = move[1, 0], move[1, 1], move[1, 2], move[1, 3]
@@ -98,12 +103,12 @@ def turn(
     p, q, r, s = quat[0], quat[1], quat[2], quat[3]
     for n in range(len(means)):
         x, y, z = means[n, 0], means[n, 1], means[n, 2]
-        means[n, 0] = a * x + b * y + c * z + d
-        means[n, 1] = e * x + f * y + g * z + h
-        means[n, 2] = i * x + j * y + k * z + m
+        out_means[n, 0] = a * x + b * y + c * z + d
+        out_means[n, 1] = e * x + f * y + g * z + h
+        out_means[n, 2] = i * x + j * y + k * z + m
     for n in range(len(quats)):
         w, x, y, z = quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3]
-        quats[n, 0] = p * w - q * x - r * y - s * z
-        quats[n, 1] = p * x + q * w + r * z - s * y
-        quats[n, 2] = p * y - q * z + r * w + s * x
-        quats[n, 3] = p * z + q * y - r * x + s * w
+        out_quats[n, 0] = p * w - q * x - r * y - s * z
+        out_quats[n, 1] = p * x + q * w + r * z - s * y
+        out_quats[n, 2] = p * y - q * z + r * w + s * x
+        out_quats[n, 3] = p * z + q * y - r * x + s * w

@@ -128,8 +128,8 @@ def height_at(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def tint_covered(
-    points: Floats,  # [N, 3] mm
-    rows: NDArray[np.intp],  # [n] of them
+    points: Floats,  # [n, 3] mm
+    rows: NDArray[np.intp],  # [n] their colours
     vertices: Floats,  # [V, 3] mm
     upper: Ints,  # [P] vertices along the upper side of an opening, and ...
     lower: Ints,  # [P] ... along the lower side
@@ -138,20 +138,20 @@ def tint_covered(
     color: Floats,  # [3]
     colors: Floats,  # [N, 3], changed in place
 ) -> None:
-    left = right = points[rows[0], 0]
-    for row in rows:
-        left, right = min(left, points[row, 0]), max(right, points[row, 0])
+    left = right = points[0, 0]
+    for n in range(len(points)):
+        left, right = min(left, points[n, 0]), max(right, points[n, 0])
     step = (right - left) / np.float32(STATIONS - 1)
     top, bottom = np.empty(STATIONS, np.float32), np.empty(STATIONS, np.float32)
     for k in range(STATIONS):
         top[k] = height_at(vertices, upper, left + np.float32(k) * step)
         bottom[k] = height_at(vertices, lower, left + np.float32(k) * step)
-    for row in rows:
-        place = (points[row, 0] - left) / step
+    for n in range(len(points)):
+        row, place = rows[n], (points[n, 0] - left) / step
         if not 0 <= place < STATIONS:  # NaN, or an opening without width
             continue
         k = min(int(place), STATIONS - 2)
-        part, y = place - np.float32(k), points[row, 1]
+        part, y = place - np.float32(k), points[n, 1]
         above = y - (top[k] + part * (top[k + 1] - top[k]))
         below = bottom[k] + part * (bottom[k + 1] - bottom[k]) - y
         share = (max(above, below) - near) / (far - near)

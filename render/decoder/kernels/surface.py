@@ -77,6 +77,7 @@ def vertex_attributes(
     bleed: Floats,  # [3]
     bounce: Floats,  # [3] share of the sky that is always seen
     behind: np.float32,  # see surface.normals_of
+    move: Floats,  # [3, 4] of the vertices; normals and light are moved already
     out: Floats,  # -> [U, 11] these rows: what Gaussians take from a vertex, see `skin_gaussians`
 ) -> None:
     one = np.float32(1)
@@ -84,8 +85,9 @@ def vertex_attributes(
         row = np.uintp(rows[n])
         v = np.uintp(used[row])
         sky, key, left, right = seen[0, row], seen[1, row], seen[2, row], seen[3, row]
+        x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
         for k in range(3):
-            out[row, k] = vertices[v, k]
+            out[row, k] = move[k, 0] * x + move[k, 1] * y + move[k, 2] * z + move[k, 3]
             b = bleed[k]
             ambient = bounce[k] + (one - bounce[k]) * sky * (one + b * (one - sky))
             light = parts[n, k] * ambient + parts[n, 3 + k] * key * (one + b * (one - key))

@@ -131,12 +131,12 @@ class Studio:
         normals, colors = self._assembly.normals(vertices), self._assembly.colors
         picture = self._renderer.draw(vertices, normals, colors, seen, camera, lights)
         head, count = self.surface, len(self.widths)
-        still = head.at_rest(vertices, lights)
         placed = surface.SkinGaussians(
             *(np.empty((count, k), np.float32) for k in (3, 4, 3, 3)),
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
+        still = head.at_rest(vertices, of_used, lights)
         gloss = np.concatenate(
             [self.gloss[:, None], self.gloss[:, None] * (head.interpolate @ of_used[2:].T)], 1
         )
