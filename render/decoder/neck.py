@@ -199,7 +199,7 @@ def turn_hair(
 
 def turned_back(points: Floats, bent: Bent) -> Floats:  # [n, 3] mm
     """Points in the room, seen from the head."""
-    return (points - bent.head[:, 3]) @ bent.head[:, :3]
+    return ((points - bent.head[:, 3]) @ bent.head[:, :3]).astype(np.float32)
 
 
 def limited(head: HeadPose) -> HeadPose:

@@ -69,8 +69,7 @@ class Partner:
         self.voice.close()
 
     def _face(self, plain: bytes, now_ns: int, show: Callable[[Tick, int], None]) -> None:
-        ticks, offset = self._packer.open(plain)
-        new = [tick for tick in ticks if tick.index not in self._known]
+        new, offset = self._packer.open(plain, self._known)
         for tick in reversed(new):
             self._known[tick.index] = None
             show(tick, end_of(tick.index, offset))

@@ -17,7 +17,7 @@ import numpy as np
 
 from sensors.types import NS, SAMPLE_RATE
 
-LOOK_NS = 50_000_000  # between two looks at the lags
+LOOK_NS = 100_000_000  # between two looks at the lags
 Streams = dict[str, deque[tuple[int, float]]]
 
 

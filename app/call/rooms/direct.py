@@ -24,6 +24,7 @@ PATH = "/call"
 MAX_MESSAGE = 1 << 16
 STRANGERS = 16  # connections that have not yet shown that they hold the secret
 PROOF_S = 5.0  # to do so
+CLOSE_S = 1.0  # that a closing handshake may take
 RETRY_S = 1.0
 SILENT_S = 3.0  # without a packet: a new connection is made
 CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 and 4 s
@@ -109,7 +110,7 @@ class DirectHost(DirectRoom):
     ) -> None:
         super().__init__(events, line)
         self._listen, self._tls = listen, tls
-        self._strangers = 0
+        self._strangers: list[web.WebSocketResponse] = []  # oldest first
         self.refused = 0
         self.port = asyncio.get_running_loop().create_future()  # once it listens
 
@@ -149,13 +150,14 @@ class DirectHost(DirectRoom):
     async def _serve(self, request: "web.Request") -> "web.StreamResponse":
         from aiohttp import web
 
-        if self._strangers >= STRANGERS:
-            self.refused += 1
-            raise web.HTTPServiceUnavailable
-        self._strangers += 1
-        socket = web.WebSocketResponse(max_msg_size=MAX_MESSAGE, heartbeat=HEARTBEAT_S)
+        socket = web.WebSocketResponse(
+            max_msg_size=MAX_MESSAGE, heartbeat=HEARTBEAT_S, timeout=CLOSE_S
+        )
         try:
             await socket.prepare(request)
+            self._strangers.append(socket)
+            if len(self._strangers) > STRANGERS:  # who holds a place and says nothing loses it
+                await self._strangers.pop(0).close(code=WRONG_SECRET)
             async with asyncio.timeout(PROOF_S):
                 first = await socket.receive_bytes()
             identity, message = self._events.open(first)
@@ -163,7 +165,8 @@ class DirectHost(DirectRoom):
             await self._refuse(socket, WRONG_SECRET)
             return socket
         finally:
-            self._strangers -= 1
+            if socket in self._strangers:
+                self._strangers.remove(socket)
         old = self._socket
         if old is not None and not old.closed:
             if identity != self._partner:

@@ -26,13 +26,17 @@ def full(values: Ints, widths: Ints) -> Bits:
 
 def difference(values: Ints, later: Ints) -> Bits:
     """`values` [F] as what is to be added to `later` [F]."""
-    parts: list[Bits] = []
-    for start in range(0, len(values), GROUP):
-        step = values[start : start + GROUP] - later[start : start + GROUP]
-        width = int(np.abs(step).max()).bit_length()
-        width += width > 0  # and a sign
-        parts += [_bits(np.array([width]), WIDTH_BITS), _bits(step + (1 << width >> 1), width)]
-    return np.concatenate(parts)
+    step = np.zeros((-(-len(values) // GROUP), GROUP), np.int64)
+    step.reshape(-1)[: len(values)] = values - later
+    width = np.frexp(np.abs(step).max(1))[1].astype(np.int64)[:, None]  # [G, 1] bits
+    width += width > 0  # and a sign
+    step += 1 << width >> 1
+    used = np.zeros((*step.shape, len(_SHIFTS)), bool)
+    used[:] = width[:, :, None] > _SHIFTS
+    used.reshape(-1, len(_SHIFTS))[len(values) :] = False
+    rows = np.concatenate([width, step], 1)[:, :, None] >> _SHIFTS & 1  # [G, 1 + GROUP, 16]
+    head = np.broadcast_to(_SHIFTS < WIDTH_BITS, (len(step), 1, len(_SHIFTS)))
+    return rows[np.concatenate([head, used], 1)].astype(np.uint8)
 
 
 class Reader:
@@ -77,11 +81,6 @@ class Reader:
             raise BitsError("expected more bits, got the end")
         self._at += size
         return taken.reshape(count, width).astype(np.int64) @ (1 << np.arange(width)[::-1])
-
-
-def _bits(values: Ints, width: int) -> Bits:
-    shifts = np.arange(width)[::-1]
-    return (values[:, None] >> shifts & 1).astype(np.uint8).ravel()
 
 
 def _used(widths: Ints) -> NDArray[np.bool_]:  # [F, 16]

@@ -6,7 +6,7 @@ that one or two lost packets lose nothing. Numbers are whole: no bits of them de
 
 import hashlib
 import struct
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -113,9 +113,9 @@ class Packer:
         body = np.packbits(np.concatenate(parts)).tobytes()
         return HEADER.pack(VERSION, len(ticks), self.number, newest, offset) + body
 
-    def open(self, data: bytes) -> tuple[list[Tick], int]:
-        """The ticks of a message, newest first, and their offset; MalformedError for what is not
-        one."""
+    def open(self, data: bytes, known: Container[int] = ()) -> tuple[list[Tick], int]:
+        """The ticks of a message that are not `known`, newest first, and the offset of all;
+        MalformedError for what is not one."""
         if not HEADER.size < len(data) <= MAX_MESSAGE:
             size = f"{HEADER.size} to {MAX_MESSAGE}"
             raise MalformedError(f"codes: expected {size} bytes, got {len(data)}")
@@ -130,12 +130,14 @@ class Packer:
         try:
             reader = bits.Reader(data[HEADER.size :])
             rows = [reader.full(WIDTHS)]
-            for _ in range(count - 1):
-                rows.append(reader.difference(rows[-1], WIDTHS))
-            reader.end()
+            if newest - 1 not in known or newest - 2 not in known:
+                for _ in range(count - 1):
+                    rows.append(reader.difference(rows[-1], WIDTHS))
+                reader.end()
         except bits.BitsError as error:
             raise MalformedError(f"codes: {error}") from None
-        return [self._tick(row - _SIGN, newest - k) for k, row in enumerate(rows)], offset
+        new = [(newest - k, row) for k, row in enumerate(rows) if newest - k not in known]
+        return [self._tick(row - _SIGN, index) for index, row in new], offset
 
     def _tick(self, values: Ints, index: int) -> Tick:
         code, rest = values[:RIG_DIM] * self._steps, values[RIG_DIM:]
@@ -163,4 +165,6 @@ def _whole(left_out: int, turn: NDArray[np.int64]) -> Floats:
     square = 1 - float(rest @ rest)
     if square < 0.2:  # of a unit quaternion the largest number's square is at least 1/4
         raise MalformedError("codes: expected a rotation, got no unit quaternion")
-    return np.insert(rest, left_out, np.sqrt(square)).astype(np.float32)
+    wxyz = np.empty(4, np.float32)
+    wxyz[np.arange(4) != left_out], wxyz[left_out] = rest, np.sqrt(square)
+    return wxyz

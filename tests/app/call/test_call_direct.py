@@ -13,6 +13,7 @@ import pytest
 
 from app.call.core.call import Call, Sight, new_identity
 from app.call.media.connection import bind_only
+from app.call.rooms import direct
 from app.call.rooms.direct import PATH, STRANGERS, DirectGuest, DirectHost
 from app.call.rooms.listen import host_direct
 from app.call.rooms.room import LineSettings
@@ -180,6 +181,24 @@ def test_a_thousand_joins_do_not_keep_the_partner_out() -> None:
             assert len(ann.told) < 20
             async with guest(ben, invite):
                 await until(lambda: ann.call.partners)
+
+    asyncio.run(scene())
+
+
+def test_who_holds_connections_keeps_nobody_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: as many silent strangers as are let in kept the partner waiting."""
+    monkeypatch.setattr(direct, "PROOF_S", 1e6)
+
+    async def scene() -> None:
+        secret = secrets.token_bytes(16)
+        ann, ben = End(secret, "Ann"), End(secret, "Ben")
+        async with host(ann, secret) as (_, invite), aiohttp.ClientSession() as session:
+            url = f"https://127.0.0.1:{invite.port}{PATH}"
+            held = [await session.ws_connect(url, ssl=False) for _ in range(2 * STRANGERS)]
+            async with guest(ben, invite):
+                await until(lambda: ann.call.partners)
+            for socket in held:
+                await socket.close()
 
     asyncio.run(scene())
 

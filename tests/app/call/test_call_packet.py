@@ -147,3 +147,13 @@ def test_lips_stay_within_50_micrometres_and_a_whole_jaw_fits() -> None:
     errors = np.stack([ticks[0].expression for ticks, _ in got]) - codes
     moved = (errors @ lips).reshape(len(codes), -1, 3)
     assert np.linalg.norm(moved, axis=2).max() < 0.06  # .05 on recorded speech: call test
+
+
+def test_known_ticks_are_not_read_again() -> None:
+    message = PACKER.message([PACKER.fields(tick(i)) for i in (2, 1, 0)], 2, 0)
+    whole, _ = PACKER.open(message)
+    for known, left in (({0, 1}, [2]), ({1}, [2, 0]), ({0, 1, 2}, [])):
+        new, _ = PACKER.open(message, known)
+        assert [t.index for t in new] == left
+        for t in new:
+            np.testing.assert_array_equal(t.expression, whole[2 - t.index].expression)
