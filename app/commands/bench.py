@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web"]
+What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers"]
 
 
 @dataclass(kw_only=True)
@@ -20,7 +20,8 @@ class Bench:
     stand-ins for microphone and cameras. soak: all at once for --minutes (voice, eyes, head,
     window, page, sends, a recording), and its replay.
     faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
-    at every border. web: --minutes of sending by every protocol, a page, and hostile clients."""
+    at every border. web: --minutes of sending by every protocol, a page, and hostile clients.
+    peers: networks of other papers' shapes against ours, first frame from new sound."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
@@ -38,7 +39,7 @@ class Bench:
     keep: Path | None = None
     """Folder for what is done and what escaped: the same command goes on there (fuzz)."""
     seed: int = 0
-    """Of the damage (fuzz)."""
+    """Of the damage (fuzz), of untrained weights (peers)."""
     report: Path | None = None
     """Write the metrics as JSON."""
 
@@ -54,6 +55,7 @@ class Bench:
             "faults": self._faults,
             "fuzz": self._fuzz,
             "web": self._web,
+            "peers": self._peers,
         }
         finish(measures[self.what](), self.report)
 
@@ -91,6 +93,11 @@ class Bench:
         from app.bench.fuzz.run import measure_fuzz
 
         return measure_fuzz(self.num, self.seed, self.processes, self.keep)
+
+    def _peers(self) -> dict[str, Any]:
+        from app.bench.peers.race import measure_peers
+
+        return measure_peers(self.seed)
 
     def _web(self) -> dict[str, Any]:
         from app.bench.network.web import measure_web

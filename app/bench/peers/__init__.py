@@ -1,0 +1,1 @@
+"""Networks of other papers, raced against ours."""
