@@ -193,6 +193,7 @@ class CallSink:
             gaze=driven.gaze,
             head_mm=np.array(driven.head.position, np.float32),
             head_wxyz=np.array(driven.head.quat, np.float32),
+            breath=driven.breath,
         )
         self._link.post(protocol.pack_tick(tick, driven.t_ns))
 

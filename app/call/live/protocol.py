@@ -25,6 +25,7 @@ TICK_ROW = np.dtype(
         ("gaze", "<f4", (2, 3)),
         ("head_mm", "<f4", (3,)),
         ("head_wxyz", "<f4", (4,)),
+        ("breath", "<f4"),
     ]
 )
 MAX_PACKET = 1 << 16
@@ -73,12 +74,14 @@ def pack_tick(tick: Tick, end_ns: int) -> bytes:
     row["index"], row["end_ns"] = tick.index, end_ns
     row["expression"], row["gaze"] = tick.expression, tick.gaze
     row["head_mm"], row["head_wxyz"] = tick.head_mm, tick.head_wxyz
+    row["breath"] = tick.breath
     return TICK + row.tobytes()
 
 
 def unpack_tick(packet: bytes) -> tuple[Tick, int]:
     row = np.frombuffer(packet, TICK_ROW, offset=1)[0]
-    tick = Tick(int(row["index"]), row["expression"], row["gaze"], row["head_mm"], row["head_wxyz"])
+    head = row["head_mm"], row["head_wxyz"], float(row["breath"])
+    tick = Tick(int(row["index"]), row["expression"], row["gaze"], *head)
     return tick, int(row["end_ns"])
 
 

@@ -125,6 +125,7 @@ def between(a: Tick, b: Tick, share: float) -> Tick:
         gaze=_unit(_mix(a.gaze, b.gaze, share)),
         head_mm=_mix(a.head_mm, b.head_mm, share),
         head_wxyz=_unit(_mix(a.head_wxyz, sign * b.head_wxyz, share)),
+        breath=a.breath + share * (b.breath - a.breath),
     )
 
 

@@ -104,7 +104,7 @@ class Company:
             x, y, z = tick.head_mm.tolist()
             a, b, c, d = tick.head_wxyz.tolist()
             head = HeadPose((x, y, z), (a, b, c, d))
-            _, cloud = self._decoder.decode(tick.expression, tick.gaze, who, head)
+            _, cloud = self._decoder.decode(tick.expression, tick.gaze, who, head, tick.breath)
             clouds.append(placed(cloud, place, sitter.presence))
         clouds.append(placed(own, Place(OWN_SCALE, 0.0, OWN_AT_MM)))
         return joined(clouds)

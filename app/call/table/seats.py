@@ -28,6 +28,7 @@ TICK = np.dtype(
         ("gaze", "<f4", (2, 3)),
         ("head_mm", "<f4", (3,)),
         ("head_wxyz", "<f4", (4,)),
+        ("breath", "<f4"),
     ],
     align=True,
 )
@@ -106,6 +107,7 @@ class Seats:
         slot["index"], slot["due"], slot["came_ns"] = tick.index, due, now_ns
         slot["expression"], slot["gaze"] = tick.expression, tick.gaze
         slot["head_mm"], slot["head_wxyz"] = tick.head_mm, tick.head_wxyz
+        slot["breath"] = tick.breath
         slot["number"] = seat["posted"] = number
 
     def hear(self, identity: str, anchor: tuple[int, float, float], level: float) -> None:
@@ -178,6 +180,7 @@ class SeatReader:
                 gaze=slot["gaze"],
                 head_mm=slot["head_mm"],
                 head_wxyz=slot["head_wxyz"],
+                breath=float(slot["breath"]),
             )
             face.push(tick, int(slot["due"]), int(slot["came_ns"]))
             last = int(number)

@@ -1,4 +1,4 @@
-"""A tick as it travels: 55 numbers of the code, gaze and head in 90 bytes.
+"""A tick as it travels: 55 numbers of the code, gaze, head and breath in 91 bytes.
 
 A message holds the newest tick in full and up to two before it as differences of about 45 bytes, so
 that one or two lost packets lose nothing. Numbers are whole: no bits of them decode to NaN.
@@ -26,17 +26,19 @@ TICKS = 3  # in a message
 MAX_MESSAGE = 400  # bytes
 HEADER = struct.Struct("<BBHIi")  # version, ticks, basis, index of the newest, offset in samples
 
-CODE_BITS, GAZE_BITS, SHIFT_BITS, TURN_BITS = 11, 10, 12, 11
+CODE_BITS, GAZE_BITS, SHIFT_BITS, TURN_BITS, BREATH_BITS = 11, 10, 12, 11, 5
 CODE_MAX = 2 ** (CODE_BITS - 1) - 1
 GAZE_STEP = np.radians(100) / 2**GAZE_BITS  # yaw and pitch reach +-50 degrees
 SHIFT_STEP_MM = 0.5  # the head moves within +-1 m
+BREATH_MAX = 2**BREATH_BITS - 1
 TURN_MAX = 2 ** (TURN_BITS - 1) - 1  # of the three smallest numbers of a quaternion: +-sqrt(1/2)
 WIDTHS = np.array(
-    [CODE_BITS] * RIG_DIM + [GAZE_BITS] * 4 + [SHIFT_BITS] * 3 + [2] + [TURN_BITS] * 3, np.int64
+    [CODE_BITS] * RIG_DIM + [GAZE_BITS] * 4 + [SHIFT_BITS] * 3 + [2, *[TURN_BITS] * 3, BREATH_BITS],
+    np.int64,
 )  # [F] bits of each field
 TICK_BYTES = -(-int(WIDTHS.sum()) // 8)
 _SIGN = 1 << WIDTHS - 1  # added, so that all are >= 0
-_SIGN[-4] = 0  # which number of the quaternion was left out
+_SIGN[[-5, -1]] = 0  # which number of the quaternion was left out; breath
 
 
 class MalformedError(ValueError):
@@ -52,6 +54,7 @@ class Tick:
     gaze: Floats  # [2, 3] unit, left eye first
     head_mm: Floats = field(default_factory=lambda: np.zeros(3, np.float32))
     head_wxyz: Floats = field(default_factory=lambda: np.array([1, 0, 0, 0], np.float32))
+    breath: float = 0.0  # 0..1, lifts the chest
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +93,8 @@ class Packer:
     def fields(self, tick: Tick) -> Ints:
         """[F] whole numbers. Raises MalformedError for NaN, infinity or a quaternion of zeros."""
         given = np.concatenate(
-            [tick.expression, tick.gaze.ravel(), tick.head_mm, tick.head_wxyz], dtype=np.float64
+            [tick.expression, tick.gaze.ravel(), tick.head_mm, tick.head_wxyz, [tick.breath]],
+            dtype=np.float64,
         )
         if not np.isfinite(given).all() or not tick.head_wxyz.any():
             raise MalformedError(f"tick {tick.index}: expected finite numbers and a rotation")
@@ -100,7 +104,8 @@ class Packer:
         gaze = np.rint(np.stack([yaw, pitch], 1).ravel() / GAZE_STEP)
         shift = np.rint(tick.head_mm / SHIFT_STEP_MM)
         left_out, turn = _smallest_three(tick.head_wxyz)
-        values = np.concatenate([code, gaze, shift, [left_out], turn])
+        breath = np.rint(np.clip(tick.breath, 0, 1) * BREATH_MAX)
+        values = np.concatenate([code, gaze, shift, [left_out], turn, [breath]])
         limit = np.maximum(_SIGN - 1, 0)
         signed = np.where(_SIGN > 0, np.clip(values, -limit, limit), values)
         return signed.astype(np.int64) + _SIGN
@@ -149,6 +154,7 @@ class Packer:
             gaze=np.stack(gaze, 1).astype(np.float32),
             head_mm=(rest[4:7] * SHIFT_STEP_MM).astype(np.float32),
             head_wxyz=_whole(int(rest[7]), rest[8:11]),
+            breath=float(rest[11]) / BREATH_MAX,
         )
 
 

@@ -52,9 +52,12 @@ def test_a_worn_loudspeaker_needs_no_canceller() -> None:
 
 def test_ticks_and_sound_cross_as_they_are() -> None:
     rng = np.random.default_rng(1)
-    tick = Tick(7, rng.standard_normal(256).astype(np.float32), AHEAD)
+    head = np.array([1, 2, 3], np.float32), np.array([0.8, 0, 0.6, 0], np.float32), 0.25
+    tick = Tick(7, rng.standard_normal(256).astype(np.float32), AHEAD, *head)
     got, end_ns = protocol.unpack_tick(protocol.pack_tick(tick, 99))
     assert end_ns == 99 and got.index == 7 and np.array_equal(got.expression, tick.expression)
+    assert np.array_equal(got.head_mm, head[0]) and np.array_equal(got.head_wxyz, head[1])
+    assert got.breath == 0.25
     samples = rng.standard_normal(480).astype(np.float32)
     first, sound, t_ns = protocol.unpack_sound(protocol.pack_sound(5, 6, samples))
     assert (first, t_ns) == (5, 6) and np.array_equal(sound, samples)

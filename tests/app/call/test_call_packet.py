@@ -65,14 +65,16 @@ def test_a_tick_comes_back_within_half_a_step(
 ) -> None:
     yaw, pitch = np.radians(angles).T
     gaze = np.stack([np.cos(pitch) * np.sin(yaw), np.sin(pitch), np.cos(pitch) * np.cos(yaw)], 1)
-    sent = Tick(index, (code @ ROWS).astype(np.float32), gaze, shift.astype(np.float32), turn)
+    breath = index % 101 / 100
+    expression, shift = (code @ ROWS).astype(np.float32), shift.astype(np.float32)
+    sent = Tick(index, expression, gaze, shift, turn, breath)
     got = returned(sent)
     assert np.abs(BASIS.rows @ got.expression - code).max() <= 0.51 * BASIS.steps.max()
     assert np.degrees(np.arccos(np.clip((got.gaze * gaze).sum(1), -1, 1))).max() < 0.1
     assert np.abs(got.head_mm - shift).max() <= 0.26
     same = abs(float(got.head_wxyz @ turn)) / np.linalg.norm(turn)
     assert 2 * np.degrees(np.arccos(min(same, 1))) < 0.15
-    assert got.index == index
+    assert got.index == index and abs(got.breath - breath) <= 0.017
 
 
 @given(st.binary(max_size=400))

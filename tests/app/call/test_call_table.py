@@ -12,6 +12,7 @@ from app.call.wire.packet import Tick
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.types import AHEAD, Gaussians, Shine
+from sensors.types import HeadPose
 
 S = 10**9
 
@@ -99,3 +100,18 @@ def test_partners_are_drawn_and_the_own_head_is_small() -> None:
     small = everybody.means[-len(own) :]
     assert np.allclose(np.ptp(small, 0), OWN_SCALE * np.ptp(own.means, 0), rtol=1e-3)
     assert len(everybody) > 2 * len(own)
+
+
+def test_a_partner_turns_the_head_and_breathes() -> None:
+    decoder, who = Decoder.load(gaussians="16k"), identity.load("ada")
+    _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
+    seats, still = Seats(), np.zeros(256, np.float32)
+    head = HeadPose((3.0, 2.0, 1.0), (0.96, 0.0, 0.28, 0.0))
+    seats.take("ann", "Ann", "ada")
+    for i in range(3):
+        pose = np.array(head.position, np.float32), np.array(head.quat, np.float32)
+        seats.post("ann", Tick(i, still, AHEAD, *pose, 0.75), end_of(i, 0), S)
+    seats.hear("ann", (S, float(end_of(1, 0)), 1.0), 0.0)
+    _, wanted = decoder.decode(still, AHEAD, who, head, 0.75)
+    ann = Company(decoder, seats).around(own, S).means[: len(wanted)]
+    np.testing.assert_allclose(ann, wanted.means, atol=1e-2)
