@@ -7,7 +7,7 @@ loudspeaker <- pull <- VoiceTrack of each Partner      loop <- show <- ticks of 
 
 import secrets
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -218,26 +218,3 @@ class Call:
 def new_identity() -> str:
     """32 hex digits, drawn anew for every call."""
     return secrets.token_hex(16)
-
-
-def report_of(call: Call, now_ns: int) -> dict[str, Mapping[str, object]]:
-    """What each partner's line did, by name."""
-    report: dict[str, Mapping[str, object]] = {}
-    for partner in (*call.left, *call.partners.values()):
-        hello, voice = partner.hello, partner.voice.counts
-        due = voice.played + voice.concealed
-        clocks = (
-            agreement.clock_difference_ns(call.hello, hello, partner.hello_ns) if hello else None
-        )
-        report[partner.identity] = {
-            "name": hello.name if hello else "",
-            "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
-            "packets": partner.counts.packets,
-            "refused": partner.counts.refused,
-            "flooded": partner.counts.flooded,
-            "recovered": voice.recovered,
-            "concealed": voice.concealed,
-            "concealed_share": voice.concealed / due if due else 0.0,
-            "jumps": voice.jumps,
-        }
-    return report

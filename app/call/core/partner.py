@@ -13,6 +13,7 @@ from sensors.types import NS
 
 RATE = 250.0  # packets a second that are looked at; an honest partner sends 130
 HEARD_NS = NS
+HEADERS = 50  # bytes of IP, UDP, SRTP around a packet
 
 
 @dataclass
@@ -21,6 +22,30 @@ class PartnerCounts:
     bytes: int = 0
     refused: int = 0  # forged, repeated, damaged
     flooded: int = 0  # more than anybody needs
+    codes: int = 0  # packets of them, whose counters have no gaps ...
+    first_code: int = 0  # ... from this one ...
+    newest_code: int = -1  # ... to this one, but for what was lost
+    first_ns: int = 0
+
+    @property
+    def loss(self) -> float:
+        """Share of the packets of codes that never came."""
+        sent = self.newest_code - self.first_code + 1
+        return max(1 - self.codes / sent, 0.0) if self.codes else 0.0
+
+    def kbps(self, until_ns: int) -> float:
+        """What came, with the headers around it."""
+        bits = 8 * (self.bytes + HEADERS * self.packets)
+        return bits * 1e6 / max(until_ns - self.first_ns, 1)
+
+    def count(self, stream: str, counter: int, size: int, now_ns: int) -> None:
+        if stream == "codes":
+            self.first_code = min(self.first_code, counter) if self.codes else counter
+            self.newest_code = max(self.newest_code, counter)
+            self.codes += 1
+        self.first_ns = self.first_ns or now_ns
+        self.packets += 1
+        self.bytes += size
 
 
 class Partner:
@@ -58,8 +83,7 @@ class Partner:
             self.counts.refused += 1
             self.problem = str(error)
             return
-        self.counts.packets += 1
-        self.counts.bytes += len(sealed)
+        self.counts.count(stream, counter, len(sealed), now_ns)
         self.came_ns = now_ns
 
     def is_heard(self, now_ns: int) -> bool:

@@ -1,9 +1,14 @@
 """What the screen tells of a call: who hears you, and how each partner's line is."""
 
+from collections.abc import Mapping
+
 from app.call.core.call import Call
 from app.call.core.partner import Partner
+from app.call.media.face import Seen
 from app.call.wire import agreement
 from sensors.types import NS, SAMPLE_RATE
+
+UNSEEN = Seen()
 
 
 def delay_ms(call: Call, partner: Partner, now_ns: int) -> float | None:
@@ -19,7 +24,7 @@ def delay_ms(call: Call, partner: Partner, now_ns: int) -> float | None:
     return (now_ns + clocks[0] - said_ns) / 1e6
 
 
-def status_lines(call: Call, now_ns: int) -> list[str]:
+def status_lines(call: Call, now_ns: int, seen: Mapping[str, Seen]) -> list[str]:
     """Lines for window and terminal, the own state first."""
     hellos = [p.hello for p in call.partners.values() if p.hello is not None]
     heard = agreement.heard_by(call.hello, hellos)
@@ -44,12 +49,58 @@ def status_lines(call: Call, now_ns: int) -> list[str]:
             parts.append("muted")
         if hello.records:
             parts.append("asks to record" if not call.hello.may_record else "records")
-        delay = delay_ms(call, partner, now_ns)
-        if delay is not None:
-            parts.append(f"{delay:.0f} ms")
-        counts = partner.voice.counts
-        due = counts.played + counts.concealed
-        if due and counts.concealed:
-            parts.append(f"{100 * counts.concealed / due:.1f} % of the sound concealed")
+        parts += _line(line_of(call, partner, now_ns, seen.get(partner.identity, UNSEEN)))
         lines.append(", ".join(parts))
     return lines
+
+
+def line_of(call: Call, partner: Partner, now_ns: int, seen: Seen) -> dict[str, float | None]:
+    """How a partner's line is: delays in ms, shares of what was due, kb/s."""
+    voice, counts = partner.voice.counts, partner.counts
+    due, delay = voice.played + voice.concealed, delay_ms(call, partner, now_ns)
+    figures = {
+        "mouth_to_ear_ms": delay,
+        "mouth_to_eye_ms": None if delay is None else delay + seen.behind_ms,
+        "loss": counts.loss,
+        "concealed_share": voice.concealed / due if due else 0.0,
+        "held_share": seen.held / seen.due if seen.due else 0.0,
+        "kbps": counts.kbps(partner.came_ns),
+    }
+    return {name: None if v is None else round(v, 4) for name, v in figures.items()}
+
+
+def report_of(
+    call: Call, now_ns: int, seen: Mapping[str, Seen], cpu_share: float | None = None
+) -> dict[str, Mapping[str, object]]:
+    """What each partner's line did, by identity; `cpu_share`: of a core, by this process."""
+    everybody = (*call.left, *call.partners.values())
+    report: dict[str, Mapping[str, object]] = {}
+    for partner in everybody:
+        hello, voice = partner.hello, partner.voice.counts
+        clocks = (
+            agreement.clock_difference_ns(call.hello, hello, partner.hello_ns) if hello else None
+        )
+        report[partner.identity] = {
+            "name": hello.name if hello else "",
+            "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
+            **line_of(call, partner, now_ns, seen.get(partner.identity, UNSEEN)),
+            "cpu_share": round(cpu_share / len(everybody), 4) if cpu_share is not None else None,
+            "packets": partner.counts.packets,
+            "refused": partner.counts.refused,
+            "flooded": partner.counts.flooded,
+            "recovered": voice.recovered,
+            "concealed": voice.concealed,
+            "jumps": voice.jumps,
+        }
+    return report
+
+
+def _line(figures: Mapping[str, float | None]) -> list[str]:
+    """The same for the screen."""
+    ear, eye = figures["mouth_to_ear_ms"], figures["mouth_to_eye_ms"]
+    parts = [] if ear is None or eye is None else [f"{ear:.0f} ms to the ear, {eye:.0f} to the eye"]
+    for name, word in (("loss", "lost"), ("concealed_share", "concealed"), ("held_share", "held")):
+        share = figures[name] or 0.0
+        if share >= 0.0005:
+            parts.append(f"{100 * share:.1f} % {word}")
+    return [*parts, f"{figures['kbps'] or 0.0:.0f} kb/s"] if ear is not None else parts

@@ -9,13 +9,14 @@ import json
 import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable
 from datetime import UTC, datetime
 
 import numpy as np
 
-from app.call.core.call import Call, Sight, new_identity, report_of
-from app.call.core.status import status_lines
+from app.call.core.call import Call, Sight, new_identity
+from app.call.core.status import report_of, status_lines
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.speaker import Speaker
@@ -68,10 +69,13 @@ class Service:
         asyncio.get_running_loop().add_reader(self._end, self._read, ended)
         room = await self._open_room(settings, secret, invite, call)
         speaker, pulling = self._open_speaker(settings)
+        cpu_s, began_ns = time.process_time(), self._clock.now_ns()
         telling = asyncio.create_task(self._keep_telling(call))
         await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
         with self._lock:
-            report = report_of(call, self._clock.now_ns())
+            now_ns = self._clock.now_ns()
+            cpu_share = (time.process_time() - cpu_s) * NS / max(now_ns - began_ns, 1)
+            report = report_of(call, now_ns, self._seats.seen(), cpu_share)
             call.say_bye()
         self._post(protocol.pack_json(protocol.REPORT, report))
         if speaker is not None:
@@ -157,7 +161,7 @@ class Service:
             with self._lock:
                 call.step()
                 self._seat_partners(call)
-                lines = status_lines(call, self._clock.now_ns())
+                lines = status_lines(call, self._clock.now_ns(), self._seats.seen())
             self._seats.lines = lines
             self._seats.may_record = call.may_record()
             await asyncio.sleep(TELL_S)

@@ -23,6 +23,7 @@ FADE_NS = 500_000_000
 BEHIND = 192  # samples that a pose may lag behind the sound before it lies between two ticks
 KEPT = 30  # ticks
 BRIDGED = 4  # ticks apart, that a pose may lie between
+LATELY = 0.05  # weight of the newest pose
 FAR = 10 * SAMPLE_RATE  # samples
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 
@@ -31,6 +32,15 @@ AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 class FaceCounts:
     due: int = 0  # ticks
     held: int = 0  # of those: not there when they were to be shown
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What became of a face where it was drawn."""
+
+    due: int = 0  # ticks
+    held: int = 0  # of those: not there when they were to be shown
+    behind_ms: float = 0.0  # how old what is shown is lately, beyond the sound
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,9 +71,14 @@ class FaceTrack:
         self.counts = FaceCounts()
         self._ticks: dict[int, tuple[int, Tick]] = {}  # index -> media where it is due
         self._counted: int | None = None  # index up to which `counts` goes
+        self._behind_ms = 0.0
         self._rest = 0.0  # 0: as the ticks say .. 1: at rest
         self._presence = 0.0
         self._pushed_ns = self._asked_ns = 0
+
+    @property
+    def seen(self) -> Seen:
+        return Seen(self.counts.due, self.counts.held, self._behind_ms)
 
     def push(self, tick: Tick, end: int, now_ns: int) -> bool:
         """False: known already, or too old or too new to be true."""
@@ -98,6 +113,7 @@ class FaceTrack:
             next_end, following = self._ticks[after]
             tick = between(tick, following, (media - end) / max(next_end - end, 1))
             late_ns = 0
+        self._behind_ms += LATELY * (late_ns / 1e6 - self._behind_ms)
         held = late_ns > HOLD_NS + NS / 30
         self._rest = _towards(self._rest, held, step_ns / (EASE_NS if held else RETURN_NS))
         return Shown(at_rest(tick, _smooth(self._rest)), self._presence)

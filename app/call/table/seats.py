@@ -7,12 +7,12 @@ Nobody waits: the writer overwrites the oldest tick, a reader takes what it find
 
 import mmap
 import os
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from typing import Any
 
 import numpy as np
 
-from app.call.media.face import FaceTrack
+from app.call.media.face import FaceTrack, Seen
 from app.call.wire.agreement import MAX_PEOPLE
 from app.call.wire.packet import Tick
 from sensors.types import NS, SAMPLE_RATE
@@ -42,6 +42,7 @@ SEAT = np.dtype(
         ("posted", "<i8"),
         ("anchor", "<f8", (2,)),  # media, and media samples a sample of ours ...
         ("anchor_ns", "<i8"),  # ... at this moment of our clock
+        ("seen", "<f8", (3,)),  # told by a reader: see Seen
         ("ticks", TICK, (SLOTS,)),
     ],
     align=True,
@@ -89,6 +90,7 @@ class Seats:
                 return
             seat = free[0]
             seat["posted"], seat["anchor_ns"], seat["ticks"]["number"] = 0, 0, 0
+            seat["seen"] = 0
         seat["name"], seat["avatar"] = name.encode(), avatar.encode()
         seat["identity"] = identity.encode()
 
@@ -117,6 +119,14 @@ class Seats:
             seat["anchor_ns"], seat["level"] = 0, level
             seat["anchor"] = anchor[1:]
             seat["anchor_ns"] = anchor[0]
+
+    def seen(self) -> dict[str, Seen]:
+        """What the reader that drew last says of each face."""
+        rows = [row for row in self.rows if row["identity"]]
+        return {
+            row["identity"].decode(): Seen(int(row["seen"][0]), int(row["seen"][1]), row["seen"][2])
+            for row in rows
+        }
 
     def close(self) -> None:
         os.close(self.descriptor)
@@ -159,6 +169,7 @@ class SeatReader:
             self._push(identity, row, face)
             media += (now_ns - anchor_ns) / NS * SAMPLE_RATE * rate
             shown = face.pose(media, now_ns)
+            row["seen"] = astuple(face.seen)
             if shown is not None:
                 name, avatar = (row[k].decode(errors="ignore") for k in ("name", "avatar"))
                 level = float(row["level"])

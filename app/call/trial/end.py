@@ -17,7 +17,8 @@ from typing import Any
 
 import numpy as np
 
-from app.call.core.call import Call, Sight, new_identity, report_of
+from app.call.core.call import Call, Sight, new_identity
+from app.call.core.status import report_of
 from app.call.media.connection import bind_only
 from app.call.media.face import FaceTrack
 from app.call.rooms.direct import DirectGuest
@@ -129,7 +130,7 @@ class Recorder:
         self._cpu_s = time.process_time() - self._cpu_s
         self._wall_s = time.monotonic() - self._wall_s
         self._sent_bytes = call.sent_bytes - self._sent_bytes
-        self._partner = next(iter(report_of(call, time.monotonic_ns()).values()), {})
+        self._partner = next(iter(report_of(call, time.monotonic_ns(), {}).values()), {})
 
     def _begin(self, call: Call) -> None:
         """What came before is warm-up."""

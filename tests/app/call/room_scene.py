@@ -11,7 +11,8 @@ import time
 from dataclasses import replace
 from pathlib import Path
 
-from app.call.core.call import Call, Sight, new_identity, report_of
+from app.call.core.call import Call, Sight, new_identity
+from app.call.core.status import report_of
 from app.call.media.connection import bind_only
 from app.call.rooms import janus_server
 from app.call.rooms.janus import JanusRoom
@@ -135,7 +136,7 @@ async def scene(people: int, seconds: float) -> dict[str, object]:
         for task in tasks:
             task.cancel()
         server.kill()
-    reports = [list(report_of(end.call, 0).values()) for end in ends]
+    reports = [list(report_of(end.call, time.monotonic_ns(), {}).values()) for end in ends]
     return {"met_s": met_s, "back_s": back_s, "refused": refused, "reports": reports}
 
 

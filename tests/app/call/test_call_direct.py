@@ -36,6 +36,9 @@ def test_a_whole_call_over_a_lossy_line() -> None:
     for here, there in ((ann, ben), (ben, ann)):
         assert len(here.ticks) > 50 and here.report["partner"]["packets"] > 200
         assert lips_error_mm(here, there, MATERIAL) < 0.05
+        line = here.report["partner"]
+        assert 0 < line["mouth_to_ear_ms"] <= line["mouth_to_eye_ms"]
+        assert line["loss"] < 0.1 and 50 < line["kbps"] < 200
     assert kbps < 200
 
 
@@ -215,7 +218,7 @@ def test_another_basis_is_refused_in_one_line() -> None:
 
 
 def test_the_report_is_json() -> None:
-    from app.call.core.call import report_of
+    from app.call.core.status import report_of
 
     end = End(bytes(16), "Ann")
-    assert json.loads(json.dumps(report_of(end.call, 0))) == {}
+    assert json.loads(json.dumps(report_of(end.call, 0, {}))) == {}
