@@ -15,6 +15,11 @@ from PIL import Image
 
 EMULATOR = Path(".venv/node_modules/iwer/build/iwer.min.js")
 SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+MEDIA = (
+    "--use-fake-ui-for-media-stream",
+    "--autoplay-policy=no-user-gesture-required",
+    "--disable-features=WebRtcHideLocalIpsWithMdns",  # nobody here resolves its invented names
+)
 # Keeps the last matrices that each uniform was given: what the page drew, as WebGL was told.
 SPY = """
 const set = WebGL2RenderingContext.prototype.uniformMatrix4fv;
@@ -56,7 +61,7 @@ def chromium(**environment: str) -> Iterator[Any]:
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=path,
-            args=[*SOFTWARE_GL, "--use-fake-ui-for-media-stream"],
+            args=[*SOFTWARE_GL, *MEDIA],
             env=os.environ | environment,
         )
         try:
