@@ -1,18 +1,29 @@
 """`livedrive replay SESSION`: a recorded session becomes a talking head."""
 
+import sys
+import threading
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import tyro
 
 from app.commands.options import DriveOptions
 from sensors.types import InputError
 
+if TYPE_CHECKING:
+    from sensors.session.playback import Playback
+
+KEYS = "p pauses and goes on, j SECONDS jumps there, q ends; then Enter"
+
 
 @dataclass(kw_only=True)
 class Replay(DriveOptions):
-    """Drive the head from a recorded session."""
+    """Drive the head from a recorded session.
+
+    With --web it begins when somebody opens the page, goes on over and over, and takes keys.
+    """
 
     session: tyro.conf.Positional[Path]
     """Folder of the session, e.g. recordings/demo."""
@@ -31,6 +42,14 @@ class Replay(DriveOptions):
         from app.compose.report import finish
         from app.sinks.progress import ProgressSink
 
+        if self.web is not None and not (self.fast or self.window or self._written()):
+            from app.compose.replay import play
+
+            settings = self.settings(
+                realtime=True, draw=False, title=self.session.name, head=self.head
+            )
+            finish(play(self.session, settings, _listen), self.report, [])
+            return
         networked = bool(self.send) or self.web is not None
         settings = self.settings(
             realtime=self.realtime or self.window or (networked and not self.fast),
@@ -41,3 +60,27 @@ class Replay(DriveOptions):
         )
         report = replay(self.session, settings, [ProgressSink()])
         finish(report, self.report, settings.files.written)
+
+    def _written(self) -> bool:
+        """Files hold a session once, from its beginning to its end."""
+        paths = (self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf)
+        return any(paths) or self.virtual_camera is not None
+
+
+def _listen(playback: "Playback") -> None:
+    """Lines of the terminal steer it, beside the drive."""
+    print(KEYS, flush=True)
+    threading.Thread(target=_steer, args=(playback, sys.stdin), daemon=True).start()
+
+
+def _steer(playback: "Playback", lines: Iterable[str]) -> None:
+    for line in lines:
+        key, *rest = line.split() or [""]
+        if key == "q":
+            playback.stop()
+        elif key == "p":
+            playback.pause()
+        elif key == "j" and len(rest) == 1 and rest[0].replace(".", "", 1).isdecimal():
+            playback.jump(float(rest[0]))
+        else:
+            print(KEYS, flush=True)

@@ -1,15 +1,19 @@
-"""A recorded session, driven from its first packet to its last."""
+"""A recorded session, driven from its first packet to its last, or over and over for a page."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from app.compose.build import build, load_driver
+from app.compose.live import open_page, tell
 from app.compose.report import report
 from app.compose.settings import DriveSettings
 from app.drive.calibration import of_session
 from app.drive.loop import drive
 from app.drive.sink import Sink
+
+if TYPE_CHECKING:
+    from sensors.session.playback import Playback
 
 
 def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -> dict[str, Any]:
@@ -23,4 +27,31 @@ def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
     parts = build(settings, source=source, driver=driver, clock=clock, sinks=sinks)
+    return report(settings, parts, drive(parts))
+
+
+def play(
+    session: Path, settings: DriveSettings, controlled: "Callable[[Playback], None]"
+) -> dict[str, Any]:
+    """Drive the session for the page of the settings, from the first viewer on and over and over,
+    until `controlled`, which gets the playback at the start, or Ctrl-C stops it."""
+    from sensors.clock import MonotonicClock
+    from sensors.session.playback import Playback
+    from sensors.session.recording import Recording
+
+    recording, clock = Recording(session), MonotonicClock()
+    page = open_page(settings, clock)
+    assert page is not None
+    link = page.link
+
+    def nobody_watches() -> bool:
+        link.read()
+        return not link.status.get("pages") and not link.ended
+
+    driver = load_driver(settings, bool(recording.eyes), of_session(recording))
+    eyes = driver.config.condition == "eyes"
+    source = Playback(recording, clock, eyes=eyes, waits=nobody_watches)
+    parts = build(settings, source=source, driver=driver, clock=clock, page=page)
+    tell("the session begins when somebody opens the page, and begins anew at its end")
+    controlled(source)
     return report(settings, parts, drive(parts))

@@ -1,0 +1,79 @@
+"""Playback: a session that goes on like a live source, whatever is done to it."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sensors.assemble import Assembler
+from sensors.clock import ManualClock
+from sensors.session.playback import Playback
+from sensors.session.recording import Recording, RecordingWriter
+from sensors.types import FPS, NS, AudioPacket, EyePacket, Packet
+
+FRAMES = 30  # of a second, at the value k / FRAMES each
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        for k in range(FRAMES):
+            t_ns = 7 * NS + k * NS // FPS
+            writer.append(AudioPacket(t_ns, 5000 + 1600 * k, np.full(1600, k / 64, np.float32)))
+            writer.append(EyePacket(t_ns, 0, k, np.full((400, 400), k, np.uint8)))
+    return tmp_path / "s"
+
+
+class Viewer:
+    """Polls at 30 Hz and keeps the sound of every frame."""
+
+    def __init__(self, folder: Path) -> None:
+        self.clock, self.away = ManualClock(), True
+        self.source = Playback(Recording(folder), self.clock, eyes=True, waits=lambda: self.away)
+        self.assembler, self.packets = Assembler(), list[Packet]()
+        self.source.open()
+
+    def watch(self, frames: int) -> list[int]:
+        shown: list[int] = []
+        for _ in range(frames):
+            self.clock.sleep_until_ns(self.clock.now_ns() + NS // FPS)
+            for packet in self.source.poll():
+                self.packets.append(packet)
+                self.assembler.push(packet)
+            for frame in self.assembler.ready():
+                assert not frame.audio_gap
+                assert abs(frame.t_ns - self.clock.now_ns()) < 2 * NS // FPS
+                shown.append(round(float(frame.audio[800]) * 64))
+        return shown
+
+
+def test_it_waits_loops_pauses_and_jumps(folder: Path) -> None:
+    viewer = Viewer(folder)
+    assert viewer.watch(50) == []  # nobody has come
+    viewer.away = False
+    seen = viewer.watch(FRAMES + 12)
+    assert seen[:FRAMES] == list(range(FRAMES))
+    assert seen[FRAMES : FRAMES + 9] == list(range(9))  # and anew
+    viewer.source.pause()
+    assert viewer.watch(20) == []
+    viewer.source.pause()
+    after = viewer.watch(5)
+    assert after[0] == seen[-1] + 1
+    viewer.source.jump(0.5)
+    assert viewer.watch(6)[:3] in ([14, 15, 16], [15, 16, 17])
+    viewer.source.jump(60.25)  # far behind the end
+    assert viewer.watch(4)
+    sounds = [p for p in viewer.packets if isinstance(p, AudioPacket)]
+    firsts = [p.first_sample for p in sounds]
+    assert firsts == list(range(0, 1600 * len(firsts), 1600))  # counted on
+    assert np.all(np.diff([p.t_ns for p in sounds]) > 0)
+    pictures = [p.counter for p in viewer.packets if isinstance(p, EyePacket)]
+    assert pictures == list(range(len(pictures)))
+    viewer.source.stop()
+    assert viewer.source.exhausted and viewer.watch(3) == []
+
+
+def test_a_session_without_sound_is_at_its_end(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        writer.append(EyePacket(0, 0, 0, np.zeros((400, 400), np.uint8)))
+    assert Viewer(tmp_path / "s").source.exhausted
