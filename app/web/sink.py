@@ -12,6 +12,7 @@ from dataclasses import asdict
 from typing import Any
 
 from app.drive.sink import FrameResult, RunInfo
+from app.terminal import qr
 from app.web.info import ServerInfo
 from app.web.link import ServerLink, pair
 from sensors.types import NS, Clock, InputError
@@ -51,6 +52,8 @@ class WebSink:
             self._clock.sleep_until_ns(self._clock.now_ns() + NS // 100)
         for address in self.link.status["addresses"]:
             print(f"{self._info.what} at {address}", flush=True)
+            if self._info.page and not self._info.is_local:
+                qr.show(address)
 
     def on_frame(self, result: FrameResult) -> None:
         self.link.read()
