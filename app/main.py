@@ -3,6 +3,7 @@
 Errors end in one line and a status: 2 for bad input, 1 for a failure while running, 130 on Ctrl-C.
 """
 
+import shlex
 import sys
 from importlib.metadata import version
 from typing import Annotated
@@ -56,8 +57,11 @@ def main() -> None:
     if sys.argv[1:] in ([], ["--version"]):
         print(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
         return
-    command = tyro.cli(Command, prog="livedrive", config=(tyro.conf.FlagCreatePairsOff,))
     try:
+        words = _with_profile(sys.argv[1:])
+        command = tyro.cli(
+            Command, prog="livedrive", args=words, config=(tyro.conf.FlagCreatePairsOff,)
+        )
         command.run()
     except InputError as error:
         _fail(str(error), 2)
@@ -71,6 +75,18 @@ def main() -> None:
         _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)
     except KeyboardInterrupt:
         _fail("stopped", 130)
+
+
+def _with_profile(words: list[str]) -> list[str]:
+    """`run` begins with the options of the user's file; those of the command line come later."""
+    from app.terminal import profile
+
+    if words[0] != "run" or {"-h", "--help"} & set(words):
+        return words
+    kept = profile.words(profile.path())
+    if kept:
+        print(f"livedrive: with {profile.path()}: {shlex.join(kept)}", file=sys.stderr)
+    return ["run", *kept, *words[1:]]
 
 
 def _fail(message: str, status: int) -> None:

@@ -12,7 +12,10 @@ from sensors.types import InputError
 
 @dataclass(kw_only=True)
 class Run(LiveOptions, DriveOptions):
-    """Drive the head from the microphone and the eye cameras."""
+    """Drive the head from the microphone and the eye cameras.
+
+    Options that you always give can stand in ~/.config/livedrive/run.toml, e.g. mic = "Beyond".
+    """
 
     headless: bool = False
     """Open no window."""

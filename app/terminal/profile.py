@@ -1,0 +1,56 @@
+"""The user's settings for `livedrive run`: a TOML file instead of a long command line.
+
+~/.config/livedrive/run.toml holds options by their names, e.g.
+
+    mic = "Beyond"
+    eyes = ["usb:35bd:0202"]
+    headless = true
+
+What stands on the command line comes after it, and so wins.
+"""
+
+import os
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from sensors import files
+from sensors.types import InputError
+
+NAME = "run.toml"
+
+
+def path() -> Path:
+    """XDG_CONFIG_HOME moves it."""
+    home = os.environ.get("XDG_CONFIG_HOME")
+    return (Path(home) if home else Path.home() / ".config") / "livedrive" / NAME
+
+
+def words(file: Path) -> list[str]:
+    """The file as words of a command line; none where there is no file. InputError where it is not
+    TOML, or a value is of no kind that an option takes."""
+    if not files.check_regular(file).exists():
+        return []
+    try:
+        found = tomllib.loads(files.read_text(file))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise InputError(f"{file}: expected TOML, got {error}; mend or remove it") from None
+    made: list[str] = []
+    for name, value in found.items():
+        made += _option(name, value, file)
+    return made
+
+
+def _option(name: str, value: Any, file: Path) -> list[str]:
+    values = value if isinstance(value, list) else [value]  # pyright: ignore
+    if value is False:
+        return []
+    option = f"--{name.replace('_', '-')}"
+    if value is True:
+        return [option]
+    if not values or not all(type(v) in (str, int, float) for v in values):  # pyright: ignore
+        raise InputError(
+            f"{file}: expected {name} to be a text, a number, true, false or a list of such, got "
+            f"{str(value)[:40]!r}; see livedrive run -h"
+        )
+    return [option, *map(str, values)]  # pyright: ignore
