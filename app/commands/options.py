@@ -8,6 +8,7 @@ import tyro
 
 from app.compose.settings import DriveSettings, FileSettings, HeadMode, NetworkSettings
 from app.sinks import table
+from app.terminal import confirm
 from render.types import Density
 
 
@@ -78,6 +79,9 @@ class DriveOptions:
         web_head: bool = False,
     ) -> DriveSettings:
         """These options as settings; raises InputError where they cannot be used."""
+        confirm.overwriting(
+            [self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf, self.report]
+        )
         return DriveSettings(
             avatar=self.avatar,
             gaussians=self.gaussians,

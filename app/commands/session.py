@@ -93,8 +93,10 @@ class ExportSession:
     """Leave the voice or the eyes out."""
 
     def run(self) -> None:
+        from app.terminal import confirm
         from sensors.session import files as session
 
+        confirm.overwriting([self.out])
         with seconds_bar("exporting") as update:
             made = session.export(self.folder, self.out, drop=self.drop, progress=update)
         print(json.dumps(made, indent=2))
