@@ -28,6 +28,9 @@ SURE = 0.5  # chance of an eye from which on the finder is believed
 CHANCE_SHARE = 0.5  # of the last look in the chance of an eye
 STRAYED, STRAYED_LOOKS = 0.6, 4  # half widths off for 1 s: the camera was moved
 TOLERANCE = 0.004  # half widths, log size or radians by which a frame may lag its mean
+# Frames up to here are those of the pictures that the features were learned of: left as they are.
+USUAL = np.array([0.2, 0.2, 0.32, 0.14], np.float32)
+LEAVES = 1.15  # times as far, and the picture is framed; so that it does not go to and fro
 LOWEST = np.array([-1.2, -1.2, -1.4, -0.85], np.float32)  # of a frame
 HIGHEST = np.array([1.2, 1.2, 1.6, 0.85], np.float32)
 
@@ -96,8 +99,11 @@ class EyeFraming:
         if not away or looks[eye] == 0:
             looks[eye] = min(looks[eye] + chance, MEMORY)
             means[eye] += min(chance / looks[eye], 1) * (found - means[eye])
-            if np.abs(means[eye] - frames[eye]).max() > TOLERANCE:
-                frames[eye] = means[eye]
+            reach = USUAL if frames[eye].any() else LEAVES * USUAL
+            usual = (np.abs(means[eye]) <= reach).all()
+            wanted = np.zeros(4, np.float32) if usual else means[eye]
+            if np.abs(wanted - frames[eye]).max() > TOLERANCE:
+                frames[eye] = wanted
         return replace(state, frames=frames, means=means, looks=looks, strayed=strayed)
 
     def _framed(self, eyes: Picture, small: Picture, eye: int, frame: Array) -> Picture:
