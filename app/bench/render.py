@@ -28,10 +28,9 @@ FRAMES = 20  # pictures that are compared with the reference
 
 def measure_render(avatar: str) -> dict[str, Any]:
     """The report holds metrics and thresholds."""
-    from rich.table import Table
     from tqdm import tqdm
 
-    from app.terminal.console import console
+    from app.terminal.console import console, numbers
     from render import cameras
     from render.decoder import identity
     from render.decoder.decoder import Decoder
@@ -47,7 +46,7 @@ def measure_render(avatar: str) -> dict[str, Any]:
     }
     _, cloud = decoder.decode(np.zeros(256, np.float32), AHEAD, who)
     metrics: dict[str, float] = {}
-    table = Table("Gaussians", "px", *(f"{name} ms" for name in renderers), "quads / ours")
+    table = numbers("Gaussians", "px", *(f"{name} ms" for name in renderers), "quads / ours")
     for count, size in tqdm(CASES, unit="case", disable=None):
         scene, camera = resample(cloud, count), cameras.portrait(size, size)
         times = race(renderers, scene, camera)

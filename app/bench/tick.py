@@ -38,11 +38,9 @@ def measure_tick(
 
 
 def show(stages: dict[str, dict[str, float]]) -> None:
-    from rich.table import Table
+    from app.terminal.console import console, numbers
 
-    from app.terminal.console import console
-
-    table = Table("stage", "p50 ms", "p95 ms", "p99 ms", "CPU ms")
+    table = numbers("stage", "p50 ms", "p95 ms", "p99 ms", "CPU ms")
     for name, v in stages.items():
         table.add_row(name, *(f"{v[k]:.2f}" for k in ("p50_ms", "p95_ms", "p99_ms", "cpu_ms")))
     console().print(table)

@@ -7,7 +7,7 @@ source of frames, another view, another panel.
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from app.compose.live import open_page
+from app.compose.live import open_page, tell
 from app.compose.settings import DriveSettings, FileSettings, HeadMode
 from app.drive import background
 from app.drive.emotion import EmotionControl, said_with
@@ -60,9 +60,11 @@ def build(
 ) -> Drive:
     """All parts of a run; sinks and source are opened by `drive`."""
     from app.sinks.table import Outlet, open_all
+    from app.terminal import compiling
     from render.decoder import identity
     from render.decoder.decoder import Decoder
 
+    compiling.announce(tell)
     who, decoder = identity.load(settings.avatar), Decoder.load(gaussians=settings.gaussians)
     frames = source.info.num_frames
     stages, emotions = Stages(), _emotion_control(settings, driver)

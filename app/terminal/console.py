@@ -8,3 +8,11 @@ def console(width: int | None = None) -> Any:
     from rich.console import Console
 
     return Console(width=width, markup=False, emoji=False, highlight=False)
+
+
+def numbers(*headings: str) -> Any:
+    """A rich Table: names on the left, numbers on the right of their columns."""
+    from rich.table import Column, Table
+
+    first, *others = headings
+    return Table(Column(first), *(Column(heading, justify="right") for heading in others))

@@ -21,13 +21,11 @@ def at_most(name: str, value: float, limit: float) -> dict[str, Any]:
 def finish(report: dict[str, Any], path: Path | None) -> None:
     """Write the report to `path`, where there is one, and print its thresholds as a table; exit
     with status 1 where one is missed."""
-    from rich.table import Table
-
-    from app.terminal.console import console
+    from app.terminal.console import console, numbers
 
     if path:
         files.write_text(path, json.dumps(report, indent=2) + "\n")
-    table = Table("metric", "value", "threshold", "")
+    table = numbers("metric", "value", "threshold", "")
     for row in report["bars"]:
         table.add_row(
             row["name"], f"{row['value']:.3f}", row["bar"], "ok" if row["ok"] else "FAILED"

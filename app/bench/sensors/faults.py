@@ -44,11 +44,9 @@ def measure_faults(times: int) -> dict[str, Any]:
 
 
 def show(table: dict[str, dict[str, float]]) -> None:
-    from rich.table import Table
+    from app.terminal.console import console, numbers
 
-    from app.terminal.console import console
-
-    out = Table("fault", "times", "hangs", "p50 s", "p95 s", "worst s")
+    out = numbers("fault", "times", "hangs", "p50 s", "p95 s", "worst s")
     for name, v in table.items():
         recovery = (f"{v[f'recovery_{k}_s']:.2f}" for k in ("p50", "p95", "max"))
         out.add_row(name, f"{v['times']:.0f}", f"{v['hangs']:.0f}", *recovery)

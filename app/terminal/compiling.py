@@ -1,0 +1,25 @@
+"""One line when numba compiles on a machine's first run; what it made is kept for later ones."""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+WORDS = "compiling a few loops for this machine, once: up to a minute"
+
+
+@cache
+def announce(tell: Callable[[str], None]) -> None:
+    """From now on `tell` gets the line before the first loop that no earlier run has compiled;
+    asked again with the same `tell`, nothing changes."""
+    from numba.core import event
+
+    class Listener(event.Listener):
+        def on_start(self, event: Any) -> None:
+            if not announced:
+                announced.append(True)
+                tell(WORDS)
+
+        def on_end(self, event: Any) -> None: ...
+
+    announced: list[bool] = []
+    event.register("numba:compile", Listener())
