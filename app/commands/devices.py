@@ -7,6 +7,9 @@ from dataclasses import dataclass
 class Devices:
     """List microphones and eye cameras, and what else can be connected."""
 
+    network: bool = False
+    """Also ask the local network for eye cameras (OpenIris, over Wi-Fi): takes 3 s."""
+
     def run(self) -> None:
         from rich.table import Table
 
@@ -15,6 +18,7 @@ class Devices:
         from sensors.audio.portaudio import microphones, silence_native_messages
         from sensors.cameras import table as cameras
         from sensors.cameras.discovery import found_devices
+        from sensors.cameras.mdns import network_cameras
         from sensors.head import spec as heads
         from sensors.types import InputError
 
@@ -31,7 +35,8 @@ class Devices:
                 table.add_row(f"--mic {quoted(mic.name)}", name, rate, "")
         except InputError as error:
             notes.append(str(error))
-        for found in found_devices():
+        nearby = network_cameras() if self.network else ()
+        for found in (*found_devices(), *nearby):
             table.add_row(f"--eyes {found.spec}", found.name, found.detail, found.headset)
             if found.problem:
                 notes.append(f"{found.spec}: {found.problem}")
