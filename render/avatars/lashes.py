@@ -9,9 +9,9 @@ from render.decoder.lines import Line
 from render.decoder.posing import Posing, Rest
 from render.types import Floats
 
-UPPER, LOWER = (90, 6.0, 0.10, 0.85), (44, 2.4, -0.45, -0.35)  # count, mm, rise, curl
+UPPER, LOWER = (130, 6.0, 0.10, 0.85), (70, 2.8, -0.45, -0.35)  # count, mm, rise, curl
 BINS, PIECES = 24, 3
-WIDTHS_MM = (0.045, 0.036, 0.020)  # standard deviations along a lash
+WIDTHS_MM = (0.045, 0.034, 0.018)  # standard deviations along a lash
 COLOR = (0.020, 0.015, 0.012)
 EDGE = 4  # vertices of the skin around a place on the edge
 RISE_MM = 2.0  # from the edge to the skin that they stand on: at the edge it folds
@@ -52,7 +52,7 @@ def _lines(
     smooth = np.stack([np.convolve(c, np.ones(7) / 7, "valid") for c in padded.T], 1)
     at = np.sort(rng.uniform(0.04, 0.97, count))
     root = np.stack([np.interp(at, np.linspace(0, 1, BINS), c) for c in smooth.T], 1)
-    root += (0, 0.15 if rise > 0 else -0.1, 0.35)
+    root += (0, 0.15, 0.35) if rise > 0 else (0, -0.3, 0.55)
     side, outer = 2 * (at - 0.5), np.sign(centre[0])
     way = np.stack([0.55 * side + 0.12 * outer, rise - 0.15 * np.abs(side), np.full(count, 0.9)], 1)
     way += rng.normal(0, 0.07, way.shape)
@@ -84,6 +84,6 @@ def _standing(
     count = len(lines)
     widths = np.tile(np.array(WIDTHS_MM, np.float32), (count, 1))
     return attached(
-        lines, widths, around[nearest], face, np.full(widths.shape, 0.6, np.float32),
+        lines, widths, around[nearest], face, np.full(widths.shape, 0.8, np.float32),
         np.tile(np.array(color, np.float32), (count, 1)), np.full((count, 4), 0.6, np.float32),
     )  # fmt: skip

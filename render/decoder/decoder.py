@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render.decoder import neck
+from render.decoder import highlights, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
 from render.decoder.identity import Identity
 from render.decoder.identity_cache import EMPTY, IdentityCache, static_cloud
@@ -21,9 +21,9 @@ from render.decoder.kernels import surface as kernels
 from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
-from render.decoder.posing import Posing, gaze_rotation
+from render.decoder.posing import Posing
 from render.decoder.surface import SkinGaussians, Surface
-from render.lighting import KEY, LIGHTINGS, Lighting
+from render.lighting import LIGHTINGS, Lighting
 from render.types import FIELDS, Density, Floats, Gaussians, Mesh
 from sensors.rotation import REST
 from sensors.types import HeadPose, InputError
@@ -31,12 +31,6 @@ from sensors.types import HeadPose, InputError
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
 KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
-CORNEA_MM, CORNEA_RADIUS_MM = np.array([0.0, 0.0, 6.2], np.float32), 10.5  # from the eye's centre
-# Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
-HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
-HALF /= np.linalg.norm(HALF)
-HIGHLIGHT_OPACITY = 0.85
-LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
 MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4  # gap of the lips at which the inside of the mouth
 # begins to be drawn, and how much wider they are when it is drawn in full
 
@@ -179,13 +173,10 @@ class Decoder:
         opened = np.clip(gap / MOUTH_OPENS_MM, 0, 1)
         opacities[self.interior] = cache.opacities[self.interior] * opened
 
-        half = HALF @ bent.head[:, :3] if bent else HALF
-        for eye, side in enumerate((1, -1)):
-            cornea = gaze_rotation(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
-            means[count + eye] = identity.eye_centers[eye] + cornea + CORNEA_RADIUS_MM * half
-            clear = self.posing.lid_lines[eye].clearance(vertices, means[count + eye])
-            share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)
-            opacities[count + eye] = HIGHLIGHT_OPACITY * min(max(share, 0.0), 1.0)
+        half = highlights.HALF @ bent.head[:, :3] if bent else highlights.HALF
+        spots = slice(count, count + 2)
+        eyes = gaze, identity.eye_centers, cache.eye_sizes, half
+        highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])
 
         strands = slice(len(means) - len(identity.beard), len(means))
         identity.beard.attach(vertices, means[strands], quats[strands])
@@ -193,9 +184,9 @@ class Decoder:
         if bent:
             vertices[cache.skin.rows] = at_rest
             neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
-            for rows in (slice(count, count + 2), strands):
+            for rows in (spots, strands):
                 neck.turn(means[rows], quats[rows], bent)
-            quats[count : count + 2] = (1, 0, 0, 0)  # round: a turn shows nothing
+            quats[spots] = (1, 0, 0, 0)  # round: a turn shows nothing
         else:
             means[hair], quats[hair] = still
         return Mesh(vertices, self.faces), cloud
@@ -242,6 +233,9 @@ class Decoder:
                 still=(bones.share(used[one.rows]), bones.share(used[other.rows])),
                 stretch=self.surface.interpolate @ bones.stretch(used),
                 hair=bones.share(identity.hair.means),
+                eye_sizes=highlights.eye_sizes(
+                    self.posing, identity.geometry, identity.eye_centers
+                ),
             )
             cache = cache._replace(
                 cloud=static_cloud(identity, cache, self.roughness, self.lighting)

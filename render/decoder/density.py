@@ -13,6 +13,7 @@ from scipy.sparse import csr_array, vstack
 from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
+from render.decoder.cover import spacing
 from render.decoder.surface import Surface
 from render.types import Density, Floats
 
@@ -22,13 +23,13 @@ NEIGHBOURS, NEAREST = 12, 6  # that may crowd, that tell how dense the place is
 NORMAL_MM = 6.0  # points and normals together: the two sides of a lip are neighbours in space only
 KIND_MM = 1000.0  # apart are Gaussians of skin, eyes, mouth, teeth and lashes
 REACH = 1.5  # neighbours further than that do not crowd, in units of the spacing that is wanted
-SHARE = 0.4  # smallest standard deviation, as a share of the distance to the neighbours
+SHARE = 0.33  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.85  # of skin, at least
 
 # A layer below the skin of the face, see `layered`.
-CELL_MM = 2.4  # one in each cell of a grid
+CELL_MM = 1.9  # one in each cell of a grid
 NEAR_MM, FLAT = 4.0, 0.75  # skin so near is flat if its normals agree: cosine
-WIDTH_MM, DEPTH_MM, DEEP_OPACITY = 1.9, 1.0, 0.98
+BELOW, DEPTH_MM, DEEP_OPACITY = 0.8, 1.0, 0.98  # width, as SHARE; under the skin
 
 
 class Layers(NamedTuple):
@@ -131,7 +132,7 @@ def layered(
     count = len(opacities)
     rows = np.concatenate([np.arange(count), above[middle]])
     deep, wide = np.zeros(len(rows), np.float32), head.scales[rows].copy()
-    deep[count:], wide[count:] = DEPTH_MM, WIDTH_MM
+    deep[count:], wide[count:] = DEPTH_MM, BELOW * spacing(points[middle])
     shown = np.concatenate([opacities, np.full(len(middle), DEEP_OPACITY)]).astype(np.float32)
     both = csr_array(vstack([shares, mean @ shares]), dtype=np.float32)
     first = head.interpolate.indices.reshape(-1, 3).min(1)[rows]

@@ -9,7 +9,7 @@ from render.decoder.neck import Neck, RestSurface, Share
 from render.lighting import Lighting
 from render.types import FIELDS, Floats, Gaussians, Shine
 
-HIGHLIGHT_MM = 0.5
+HIGHLIGHT_MM = 0.75
 
 
 class IdentityCache(NamedTuple):
@@ -29,6 +29,7 @@ class IdentityCache(NamedTuple):
     still: tuple[Share, Share]  # of rest.still
     stretch: Floats  # [N] of the neck's skin
     hair: Share
+    eye_sizes: Floats  # [2]
 
 
 EMPTY = Gaussians(*(np.zeros((0, *row), np.float32) for row in FIELDS.values()), shine=None)

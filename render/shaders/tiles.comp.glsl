@@ -21,7 +21,7 @@ vec4 acc[64];  // column after column: colour in 0..1023, transmittance
 
 // A splat as seen from one tile. Down a column log2 alpha is a parabola in the row, so alpha follows
 // from two ratios; along a row those ratios grow by a constant factor. Columns start between rows 3
-// and 4: the low-pass filter keeps `bend` below 2.4, so a splat whose alpha is under 2^-60 there
+// and 4: the low-pass filter keeps `bend` below 4.81, so a splat whose alpha is under 2^-103 there
 // reaches no row of the column, and nothing over- or underflows.
 struct Seen {
     float p, q, r;
@@ -34,7 +34,7 @@ struct Seen {
     vec3 color;
 };
 
-// 2^x to 1e-4, for |x| < 120: half the instructions of the driver's.
+// 2^x to 1e-4, for |x| < 126: half the instructions of the driver's.
 vec2 power_of_two(vec2 x) {
     vec2 whole = roundEven(x), f = x - whole;
     vec2 y = 1.0 + f * (0.69315 + f * (0.24022 + f * 0.0558));
@@ -60,7 +60,7 @@ Seen load(uint i, uint end, vec2 start) {
 vec2 first_alphas(Seen s) {
     float slope = s.u * s.q + s.v * s.r;
     vec2 power = vec2(slope, -slope) + s.middle - s.u * s.u;
-    return mix(power_of_two(max(power, -60.0)), vec2(0.0), lessThan(power, vec2(-60.0)));
+    return mix(power_of_two(max(power, -103.0)), vec2(0.0), lessThan(power, vec2(-103.0)));
 }
 
 void add(int pixel, float alpha, vec3 color) {

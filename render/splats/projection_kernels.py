@@ -25,6 +25,7 @@ MIN_ALPHA, MAX_ALPHA = np.float32(reference.MIN_ALPHA), np.float32(reference.MAX
 LOW_PASS = np.float32(reference.LOW_PASS_PX2)
 HALF_LOG2_E = np.float32(0.5 / math.log(2.0))
 ZERO, HALF, ONE, TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
+STRAND = np.float32(reference.STRAND)
 TILES_A_PX = np.float32(0.125)
 THIN, VAST, WIDE = np.float32(1e-6), np.float32(1e18), np.float32(1e9)
 
@@ -54,6 +55,23 @@ def project_means(
         x[i], y[i] = u * focal_x + centre_x, v * focal_y + centre_y
         slope_x[i] = min(max(u, low_x), high_x)
         slope_y[i] = min(max(v, low_y), high_y)
+
+
+@njit(**FAST)
+def fade(
+    opacities: Floats,  # [N]
+    scales: Floats,  # [N * 3] mm
+    focal: np.float32,  # px
+    depth: Floats,  # [N] mm
+    faded: Floats,  # -> [N] opacities of strands, less what the low-pass filter widens them
+) -> None:
+    for i in range(len(depth)):
+        x, y, z = scales[3 * i], scales[3 * i + 1], scales[3 * i + 2]
+        length = max(max(x, y), z)
+        width = max(min(x, y), min(max(x, y), z))
+        px = width * focal / depth[i]
+        share = np.sqrt(px * px / (px * px + LOW_PASS))
+        faded[i] = opacities[i] * (share if length > STRAND * width else ONE)
 
 
 @njit(**FAST)
@@ -141,6 +159,7 @@ def cull(
     quats: Floats,
     scales: Floats,
     opacities: Floats,
+    faded: Floats,
     colors: Floats,
     boxes: U32,
     near_mm: np.float32,
@@ -161,7 +180,7 @@ def cull(
         sound &= (opacities[i] >= MIN_ALPHA) & (opacities[i] < VAST)
         low, high = boxes[2 * i], boxes[2 * i + 1]
         inside = ((low & 0xFFFF) < (high & 0xFFFF)) & ((low >> 16) < (high >> 16))
-        inside &= depth[i] >= near_mm
+        inside &= (depth[i] >= near_mm) & (faded[i] >= MIN_ALPHA)
         depth[i] = (depth[i] if inside else HIDDEN) if sound else BROKEN
 
 

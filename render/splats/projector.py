@@ -38,12 +38,13 @@ class Projector:
             np.ascontiguousarray(getattr(seen, name), np.float32).reshape(-1) for name in FIELDS
         )
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
-        log2_opacity = np.log2(np.clip(opacities, TRANSPARENT, MAX_ALPHA))
-        x, y, slope_x, slope_y, var_x, var_y, cov, p, q, r, half_y = self._work
+        x, y, slope_x, slope_y, var_x, var_y, cov, p, q, r, half_y, faded = self._work
         boxes, depths = self.boxes.reshape(-1), self._depths
         across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
 
         kernels.project_means(means, view, lens, x, y, depths, slope_x, slope_y)
+        kernels.fade(opacities, scales, lens[0], depths, faded)
+        log2_opacity = np.log2(np.clip(faded, TRANSPARENT, MAX_ALPHA))
         kernels.project_covariances(
             *(quats, scales, view, lens, depths, slope_x, slope_y), *(var_x, var_y, cov)
         )
@@ -53,12 +54,12 @@ class Projector:
         splats = self.splats.reshape(-1)
         kernels.pack(x, y, bits_p, bits_q, bits_r, log2_opacity, colors, splats)
         self._log2_opacity, near = log2_opacity, np.float32(camera.near_mm)
-        kernels.cull(means, quats, scales, opacities, colors, boxes, near, depths)
+        kernels.cull(means, quats, scales, opacities, faded, colors, boxes, near, depths)
         return self._order.of(depths)
 
     def reached_tiles(self) -> NDArray[np.uint8]:  # [N, 8]
         """Of the last run, by rows of a splat's box: tiles left out << 4 | reached, or WHOLE."""
-        x, y, _, _, _, _, _, p, q, r, half_y = self._work
+        x, y, _, _, _, _, _, p, q, r, half_y, _ = self._work
         reach_kernels.reached_tiles(
             *(x, y, p, q, r, self._log2_opacity, half_y),
             *(self.boxes.reshape(-1), self._first_rows, self._rows),
@@ -70,7 +71,7 @@ class Projector:
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
         self._rows = np.zeros(count, np.uint64)
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
-        self._work = np.zeros((11, count), np.float32)
+        self._work = np.zeros((12, count), np.float32)
         self._first_rows = np.zeros(count, np.uint32)
         self._log2_opacity = np.zeros(count, np.float32)
 

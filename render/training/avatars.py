@@ -22,6 +22,7 @@ from render.training.look.brows import Brows
 from render.types import Floats
 
 BALD, BUZZ = "bald", "buzz"
+HANGING = ("long01",)  # styles that cover ears and nape without touching them
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ CHALK, COAL, SKY, CLAY = (
     (0.36, 0.47, 0.58),
     (0.55, 0.30, 0.22),
 )
-FINE, SOFT, FULL = Brows(300, 0.72, 1.2, 1.0), Brows(340, 0.85, 0.6, 0.5), Brows(460, 1.15)
+FINE, SOFT, FULL = Brows(440, 0.72, 1.2, 1.0), Brows(500, 0.85, 0.6, 0.5), Brows(680, 1.15)
 RECIPES = {
     "ada": Recipe(5, 0.40, 2.1, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
                   "green", "bob02_swept", BROWN, MOSS, Skin(0.9, 0.35, 0.5), FINE, 1.15),
@@ -67,7 +68,7 @@ RECIPES = {
                   "brownlight", "short04", DARK, NAVY, Skin(1.0, 0.0, 0.25), FULL, 0.9,
                   stubble=0.30),
     "chen": Recipe(31, 0.6, -0.9, ("young_lightskinned_male3", "middleage_lightskinned_male", 0.4),
-                   "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.3), Brows(400, 1.1), 0.8),
+                   "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.3), Brows(600, 1.1), 0.8),
     "dalia": Recipe(42, 0.5, 1.9,
                     ("young_lightskinned_female2", "middleage_darkskinned_female", 0.35),
                     "brown", "long01", BLACK, WINE, Skin(0.8, 0.0, 0.7), SOFT, 1.2, hairs=20_000),
@@ -87,14 +88,15 @@ RECIPES = {
                    "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1, hairs=18_000),
     "joao": Recipe(108, 0.65, -1.3,
                     ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
-                   "brown", BUZZ, BLACK, SAND, Skin(0.7, 0.0, 0.3), FULL, stubble=0.6),
+                   "brown", BUZZ, BLACK, SAND, Skin(0.7, 0.0, 0.3), FULL, stubble=0.6,
+                   hairs=9000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
                    Strands(3600, 7.0, 0.7)),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
-                   Brows(300, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
+                   Brows(440, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
 }  # fmt: skip
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
@@ -136,16 +138,24 @@ def make(
         strands.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
     who = replace(who, beard=joined(strands))
     if worn is not None:
-        albedo = scalp(assembly, maker, albedo, worn.cap, recipe.tint, 0.97)
+        under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
+        hangs = recipe.style in HANGING
+        albedo = scalp(
+            assembly, maker, albedo, worn.cap, recipe.tint, 0.97, under if hangs else None
+        )
         grown = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
-        # Roots are lit as hair is, from between the strands: a scalp in full shadow is a hole.
+        # Light gets between strands: in full shadow the skin under them would be a hole.
         cap = np.zeros(len(vertices), np.float32)
         cap[:SKIN_VERTICES] = worn.cap
-        floor = cap[maker.surface.used] * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
+        between = np.maximum(cap[maker.surface.used], 0.8 * under)
+        floor = between * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
         who = replace(who, visibility=np.maximum(who.visibility, floor), hair=grown)
     elif recipe.style == BUZZ:
-        cap = np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False)
-        albedo = scalp(assembly, maker, albedo, cap["scalp_cap"], recipe.tint, 0.72)
+        with np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False) as z:
+            cap = z["scalp_cap"].astype(np.float32)
+        albedo = scalp(assembly, maker, albedo, cap, recipe.tint, 0.55)
+        grown = hair.cropped(assembly, vertices, cap, recipe.tint, recipe.hairs, recipe.seed)
+        who = replace(who, hair=grown)
     cloth = clothes.cover(face.neutral, maker.surface)
     albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
     gloss = who.gloss * (1 - cloth)
@@ -164,6 +174,7 @@ def scalp(
     cap: NDArray[np.floating],  # [SKIN_VERTICES] 0..1
     tint: tuple[float, float, float],
     strength: float,
+    under: Floats | None = None,  # [U] 0..1 where hair lies over it
 ) -> Floats:
     """Colour the skin under the hair, softly at the hairline: roots, not a bald head, show."""
     full = np.zeros(len(assembly.face.neutral), np.float32)
@@ -172,6 +183,8 @@ def scalp(
     x, y, z = (head.interpolate @ assembly.face.neutral[head.used]).T
     uneven = np.sin(3.1 * x + np.sin(2.3 * y)) * np.sin(3.7 * y + np.sin(2.9 * z)) * np.sin(3.3 * z)
     cover = np.clip((head.interpolate @ full[head.used] - 0.30 + 0.22 * uneven) / 0.5, 0, 1)
+    if under is not None:
+        cover = np.maximum(cover, head.interpolate @ under)
     root = np.array(tint, np.float32) * SCALP * (1 + 0.2 * uneven[:, None])
     return (albedo + strength * cover[:, None] * (root - albedo)).astype(np.float32)
 

@@ -26,8 +26,9 @@ out vec2 uv;
 flat out vec4 color;
 
 ${SHINE}
-const float LOW_PASS = 0.3;
+const float LOW_PASS = 0.15;
 const float MAX_ALPHA = 0.999;
+const float STRAND = 2.0;
 const float FAINTEST = 6.0;  // -log2 of the faintest alpha that is drawn
 const float HALF_LOG2_E = 0.72134752;
 
@@ -94,7 +95,11 @@ void main() {
   // alpha = exp2(log2_opacity - u^2 - v^2) with u = p dx + q dy, v = r dy
   float p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1e-6));
   float r = sqrt(HALF_LOG2_E / yy);
-  float log2_opacity = log2(clamp(shown.a, 1e-6, MAX_ALPHA));
+  float thickness = max(min(scale.x, scale.y), min(max(scale.x, scale.y), scale.z));
+  float px = thickness * focal.x * inverse;
+  bool strand = max(max(scale.x, scale.y), scale.z) > STRAND * thickness;
+  float opacity = strand ? shown.a * sqrt(px * px / (px * px + LOW_PASS)) : shown.a;
+  float log2_opacity = log2(clamp(opacity, 1e-6, MAX_ALPHA));
   if (log2_opacity < -FAINTEST) return;
 
   float radius = sqrt(log2_opacity + FAINTEST);

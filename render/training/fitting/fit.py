@@ -41,7 +41,8 @@ VIEWS = 3  # of each person
 SIDE_SHARE = 0.2  # of the views lie anywhere around the head, the others in front
 WIDTH, OPACITY = 1.0, 0.98  # of the widths that places were given
 FIRST = (0.5, 0.5, 0.0, 0.0)  # of the levels of a texture
-NARROW = 0.60  # factor of the widths on the face, where a layer below closes the gaps
+# Factors of the widths: on the face, where a layer below closes the gaps, elsewhere on it, in eyes.
+NARROW, FACE, EYES = 0.40, 0.86, 0.66
 ROUNDS, RIDGE = 4, 1e-4
 # Least squares would rather blur than err: the blends go further the same way, until the detail of
 # a picture has the energy of its truth.
@@ -88,7 +89,13 @@ class Studio:
         kinds, r = assembly.kinds[anchors.triangles], face.regions
         edges = np.concatenate([r[k] for k in ("eyelids", "lips", "inner_mouth_lip_roll")])
         rest = assembly.posing.rest(face.neutral)
-        widths[density.thick(bare, rest.geometry, kinds, r["narrow_face"], edges)] *= NARROW
+        thick = density.thick(bare, rest.geometry, kinds, r["narrow_face"], edges)
+        reached = face.faces[anchors.triangles]
+        near, lids = (np.isin(reached, r[k]).any(1) for k in ("narrow_face", "eyelids"))
+        near &= (kinds == mesh_parts.SKIN) & ~thick & ~lids
+        widths[thick] *= NARROW
+        widths[near] *= FACE
+        widths[kinds == mesh_parts.EYE] *= EYES
         bare = replace(bare, scales=widths)
         self.widths = bare.scales
         self.opacities = np.full(len(kinds), OPACITY, np.float32)

@@ -15,7 +15,7 @@ from render.gl.occlusion import Occlusion
 from render.strands import Hair, away
 from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.trace import Pieces, trace
+from render.training.geometry.trace import CROWN_MM, Pieces, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
@@ -24,8 +24,12 @@ STRAND_MM, CURL_MM = (4.4, 0.50, 0.30), (1.5, 0.50, 0.50)  # standard deviations
 CURLS, CURLS_COUNT = ("afro01",), 40_000
 APART_MM = 2.4  # of neighbours, where hair is as thin as STRAND_MM says
 HIDDEN = 0.14  # share of any light below which a piece is left out
+CROP_MM, CROP_SEEN = (0.9, 0.10, 0.10), (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
-ROOT, DIMMEST = 0.75, 0.22  # brightness there; share of light that always gets through
+ROOT = 0.75  # brightness there
+DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
+FRINGE, FAINT, NEAR_MM = 0.35, 0.5, 7.0  # width and opacity at the hairline, so near the skin
+DARK = 0.02  # share of the sky inside a mouth
 LIFT_MM = 0.8  # hair stays this far outside the skin
 
 
@@ -82,7 +86,8 @@ def grow(
     seen = occlusion(vertices, outward, cover, (middles, outward), offset_mm=4.0)
     lit = np.flatnonzero(seen.max(1) > HIDDEN)
     chosen = lit[evenly(middles[lit], count, rng)]
-    rows, seen = some[chosen], smoothed(middles[chosen], seen[chosen])
+    dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
+    rows, seen = some[chosen], np.maximum(smoothed(middles[chosen], seen[chosen]), dimmest)
     bright = pieces.bright[rows] ** 0.9 * rng.lognormal(0, SPREAD, len(rows))
     tone = rng.normal(1, (0, 0.03, 0.05), (len(rows), 3)) * bright[:, None]
     dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress[rows], 0, 1)
@@ -93,13 +98,46 @@ def grow(
     scales[:, 1] *= np.clip(apart / APART_MM, 0.8, 1.8)
     tip = np.clip((1 - pieces.progress[rows]) / 0.15, 0.35, 1)
     scales[:, 1] *= tip
+    fine = fringe(worn, middles[chosen], vertices)
+    scales[:, 1] *= FRINGE + (1 - FRINGE) * fine
     return Hair(
         pieces.middles[rows],
         strand_quats(pieces.along[rows], outward[chosen]).astype(np.float32),
         scales.astype(np.float32),
-        np.full(len(rows), OPACITY, np.float32),
+        (OPACITY * (FAINT + (1 - FAINT) * fine)).astype(np.float32),
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
+    )
+
+
+def cropped(
+    assembly: Assembly, vertices: Floats, cap: Floats, tint: Tint, count: int, seed: int
+) -> Hair:
+    """A few millimetres of hair all over the cap [SKIN_VERTICES], thin where the cap ends."""
+    rng = np.random.default_rng((seed, 3))
+    skin = assembly.face.faces[(assembly.face.faces < SKIN_VERTICES).all(1)]
+    corners, cover = vertices[skin], np.clip(cap, 0, 1)[skin].mean(1)
+    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.linalg.norm(edges, axis=1) * np.clip((cover - 0.15) / 0.6, 0, 1) ** 1.5
+    chosen = rng.choice(len(skin), count, p=areas / areas.sum())
+    weights = rng.dirichlet((1, 1, 1), count).astype(np.float32)
+    roots = (corners[chosen] * weights[..., None]).sum(1)
+    outward = edges[chosen] / np.linalg.norm(edges[chosen], axis=1, keepdims=True)
+    flow = roots - CROWN_MM
+    flow -= (flow * outward).sum(1, keepdims=True) * outward
+    flow /= np.linalg.norm(flow, axis=1, keepdims=True) + 1e-9
+    along = 0.6 * outward + flow + rng.normal(0, 0.25, roots.shape)
+    along = (along / np.linalg.norm(along, axis=1, keepdims=True)).astype(np.float32)
+    length = CROP_MM[0]
+    size = np.tile(np.array(CROP_MM, np.float32), (count, 1))
+    linear = np.array(tint) ** 2 * rng.lognormal(0, 0.2, (count, 1))
+    return Hair(
+        (roots + 1.2 * length * along).astype(np.float32),
+        strand_quats(along, outward).astype(np.float32),
+        size,
+        np.full(count, OPACITY, np.float32),
+        np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
+        np.tile(np.array(CROP_SEEN, np.float32), (count, 1)),
     )
 
 
@@ -120,7 +158,21 @@ def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.i
 def smoothed(points: Floats, seen: Floats) -> Floats:
     """Light that reaches hair goes on through it: no hard shadows of single cards."""
     near = np.asarray(KDTree(points).query(points, k=min(12, len(points)))[1])
-    return np.maximum(seen[near].mean(1), DIMMEST).astype(np.float32)
+    return seen[near].mean(1).astype(np.float32)
+
+
+def fringe(worn: Cards, points: Floats, vertices: Floats) -> Floats:  # [n]
+    """0 at the hairline, where hair is fine, so that it has no edge; else 1."""
+    distance, near = (np.asarray(x) for x in KDTree(vertices[:SKIN_VERTICES]).query(points))
+    covered = np.clip((np.clip(worn.cap, 0, 1)[near] - 0.1) / 0.7, 0, 1)
+    away = np.clip(distance / NEAR_MM - 1, 0, 1)
+    return np.maximum(covered, away).astype(np.float32)
+
+
+def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -> [U] 0..1
+    """Which skin hair lies over, by the light that it takes."""
+    share = np.clip((0.5 - with_hair / np.maximum(bald, DARK)) / 0.4, 0, 1)
+    return (share * (bald > DARK)).astype(np.float32)
 
 
 def _curls(worn: Cards, rng: np.random.Generator) -> Pieces:

@@ -11,7 +11,7 @@ from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.types import Floats
 
 LEFT, RIGHT = slice(22, 27), slice(17, 22)  # landmarks of both brows
-PIECES, WIDTHS_MM = 2, (0.070, 0.040)
+PIECES, WIDTHS_MM = 2, (0.055, 0.030)
 LOWER_MM = (-7.8, -7.0, -6.3, -6.5, -7.8)  # of the hair under the landmarks, inner to outer
 HALF_MM, ANGLES_DEG = (3.0, 3.8, 3.4, 2.2, 0.7), (78, 66, 42, 22, 8)  # along the brow
 AT, LENGTHS_MM = (0.0, 0.12, 0.5, 0.8, 1.0), (4.0, 5.6, 5.8, 5.4, 3.8)
@@ -21,7 +21,7 @@ AT, LENGTHS_MM = (0.0, 0.12, 0.5, 0.8, 1.0), (4.0, 5.6, 5.8, 5.4, 3.8)
 class Brows:
     """How they are worn."""
 
-    count: int = 380  # of each
+    count: int = 560  # of each
     thick: float = 1.0
     arch_mm: float = 0.0
     lift_mm: float = 0.0
@@ -50,7 +50,7 @@ def grow(
         color = np.array(tint) ** 2 * rng.lognormal(0, 0.25, (count, 1))
         light = np.full((count, 4), 0.85, np.float32)
         widths = np.tile(np.array(WIDTHS_MM, np.float32), (count, 1)) * np.float32(style.thick)
-        opacities = np.full(widths.shape, 0.75, np.float32)
+        opacities = np.full(widths.shape, 0.85, np.float32)
         lines = (lines + 0.15 * frames(rest, corners)[:, None, :, 2]).astype(np.float32)
         parts.append(attached(lines, widths, corners, rest, opacities, color.clip(0, 1), light))
     return joined(parts)

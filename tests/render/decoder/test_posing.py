@@ -5,7 +5,8 @@ import pytest
 
 from render.avatars.sheet import gaze
 from render.decoder import identity, posing
-from render.decoder.decoder import HIGHLIGHT_OPACITY, Decoder
+from render.decoder.decoder import Decoder
+from render.decoder.highlights import OPACITY as HIGHLIGHT_OPACITY
 from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
 from render.types import AHEAD
 
@@ -92,8 +93,20 @@ def test_any_sample_of_the_prior_is_a_face(decoder):
         assert moved.max() < 45 and np.median(moved) < 6
 
 
+@pytest.mark.parametrize("name", identity.names())
+def test_the_highlight_lies_on_the_eye_and_not_in_it(decoder, name):
+    """Eyes differ in size: a spot at one distance hid inside the larger half of them."""
+    who = identity.load(name)
+    for direction in (AHEAD, gaze(20, 0), gaze(-15, -8)):
+        _, cloud = decoder.decode(np.zeros(256, np.float32), direction, who)
+        for eye, rows in enumerate(decoder.eyes[0]):
+            spot, ball = cloud.means[len(decoder.opacities) + eye], cloud.means[rows]
+            around = np.hypot(*(ball - spot)[:, :2].T) < 1.5
+            assert 0 < spot[2] - ball[around, 2].max() < 1.5
+
+
 def test_the_highlight_stays_on_the_cornea(decoder):
-    who = identity.load("ben")
+    who = identity.load("ada")
     for direction in (AHEAD, gaze(25, 0), gaze(-10, 15)):
         _, cloud = decoder.decode(np.zeros(256, np.float32), direction, who)
         spots = cloud.means[len(decoder.opacities) : len(decoder.opacities) + 2]

@@ -1,5 +1,7 @@
 """The reference splatter against formulas worked out by hand."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scenes import join, single
@@ -41,6 +43,17 @@ def test_faint_contributions_are_cut_off():
     assert (draw(single(TARGET, 20.0, 0.0035, (1.0, 1.0, 1.0)))[..., 3] == 0.0).all()
     coverage = draw(single(TARGET, 10.0, 0.5, (1.0, 1.0, 1.0)))[..., 3]
     assert coverage[coverage > 0.0].min() >= 1.0 / 255.0
+
+
+def test_a_strand_is_as_dark_from_afar_as_it_is_near():
+    """The filter makes a hair wider than it is: it fades by as much. Discs do not."""
+    hair = single(TARGET, 0.3, 0.9, (0.0, 0.0, 0.0))
+    hair = replace(hair, scales=np.array([[20.0, 0.3, 0.3]], np.float32))
+    coarse, fine = (draw(hair, portrait(px, px, distance_mm=800.0)) for px in (260, 2080))
+    covered = [(x[..., 3] / x.shape[0] ** 2).sum() for x in (coarse, fine)]
+    assert covered[0] == pytest.approx(covered[1], rel=0.1)
+    disc = replace(hair, scales=np.array([[0.1, 0.1, 0.01]], np.float32))
+    assert draw(disc)[..., 3].max() == pytest.approx(0.9, abs=1e-6)
 
 
 def test_axes_follow_the_world():

@@ -1,0 +1,39 @@
+"""The light that eyes mirror: one round spot on each cornea, that a lid covers."""
+
+import numpy as np
+
+from render.decoder.posing import Posing, gaze_rotation
+from render.lighting import KEY
+from render.types import Floats
+
+OPACITY = 0.9
+# From the centre of an eye that comes EYE_MM forward; on larger eyes both are larger.
+CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = np.array([0.0, 0.0, 6.2], np.float32), 10.5, 15.95
+# Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
+HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
+HALF /= np.linalg.norm(HALF)
+LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
+
+
+def eye_sizes(posing: Posing, geometry: Floats, centers: Floats) -> Floats:  # -> [2]
+    """How far forward both eyes of a face [V, 3] come, as shares of EYE_MM."""
+    fronts = [geometry[eye, 2].max() for eye in posing.eyeballs]
+    return (np.array(fronts) - centers[:, 2]) / EYE_MM
+
+
+def place(
+    posing: Posing,
+    vertices: Floats,  # [V, 3] mm
+    gaze: Floats,  # [2, 3] unit
+    centers: Floats,  # [2, 3] mm
+    sizes: Floats,  # [2]
+    half: Floats,  # [3] unit: between lamp and viewer
+    means: Floats,  # -> [2, 3] mm
+    opacities: Floats,  # -> [2]
+) -> None:
+    for eye, side in enumerate((1, -1)):
+        cornea = gaze_rotation(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
+        means[eye] = centers[eye] + sizes[eye] * (cornea + CORNEA_RADIUS_MM * half)
+        clear = posing.lid_lines[eye].clearance(vertices, means[eye])
+        share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)
+        opacities[eye] = OPACITY * min(max(share, 0.0), 1.0)
