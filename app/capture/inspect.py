@@ -138,7 +138,8 @@ def _sheet(
     from encoder.capture.motion.channels import RIG_INDEX
     from encoder.capture.speech.phones import PHONES
 
-    figure: Any = pyplot.figure(figsize=(16, 13), layout="constrained")
+    plot: Any = pyplot
+    figure: Any = plot.figure(figsize=(16, 13), layout="constrained")
     grid: Any = figure.add_gridspec(5, 8, height_ratios=(1, 2, 2, 2.2, 2.2))
     sound = np.asarray(clip.audio, np.float32) / 32768
     seconds = len(sound) / PACK_RATE
@@ -180,7 +181,8 @@ def _film(clip: "Clip", faces: _ClipRenderer, path: Path) -> None:
 
     from encoder.capture.dataset import PACK_RATE
 
-    with av.open(str(files.create(path)), "w") as container:
+    film: Any = av.open(str(files.create(path)), "w")
+    with film as container:
         picture: Any = container.add_stream("libx264", rate=FPS, options={"crf": "20"})
         picture.width = picture.height = FACE_PX
         picture.pix_fmt = "yuv420p"

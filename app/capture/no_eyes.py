@@ -29,7 +29,8 @@ def no_eye(rng: np.random.Generator, side: int) -> NDArray[np.uint8]:  # [side, 
         for _ in range(int(rng.integers(0, 14))):
             _shape(draw, rng, side)
     if rng.random() < 0.7:
-        image = image.filter(ImageFilter.GaussianBlur(float(np.exp(u(np.log(0.4), np.log(9))))))
+        log_px = u(float(np.log(0.4)), float(np.log(9)))
+        image = image.filter(ImageFilter.GaussianBlur(float(np.exp(log_px))))
     light = np.asarray(image, np.float32)
     if rng.random() < 0.35:  # cloth, foam
         light = light + grain(rng, side, u(0.2, 1.2)) * u(2, 25)

@@ -4,6 +4,8 @@ The curves go to motion.npz in the session's folder at 30 FPS: ARKit's 52 column
 tongue and the gaze. Where a take has no sound, silence is put in its place.
 """
 
+# pyright: reportMissingTypeStubs=false
+
 from pathlib import Path
 from typing import TYPE_CHECKING
 

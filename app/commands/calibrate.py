@@ -1,20 +1,12 @@
 """`livedrive calibrate`: ten seconds in which the eyes are told apart from the average."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated
 
-import numpy as np
 import tyro
 
-from sensors.types import FPS, NS, Clock, InputError, Packet, Source
-
-if TYPE_CHECKING:
-    from encoder.eyes.encoder import EyeEncoder
-    from encoder.eyes.routine import EyeFit, Take, Target
-
-LEAD_S = 2.0  # before the first target, to get ready
+from sensors.types import InputError
 
 
 @dataclass(kw_only=True)
@@ -34,7 +26,9 @@ class Calibrate:
     """Go back to what was before the last calibration; once more: forward again."""
 
     def run(self) -> None:
+        from app.compose import calibrate
         from app.drive import calibration as kept
+        from app.drive.eye_routine import words_of_fit
         from encoder.eyes.routine import fit
 
         path = self.out or kept.profile_path()
@@ -48,7 +42,13 @@ class Calibrate:
             back = kept.undo(path)
             print(f"{path.resolve()} is as it was before" if back else "no calibration is used")
             return
-        calibration, fits = fit(self._takes())
+        session = self.session
+        takes = (
+            calibrate.takes_of_session(session)
+            if session
+            else calibrate.takes_of_cameras(self.eyes)
+        )
+        calibration, fits = fit(takes)
         for words in map(words_of_fit, fits):
             print(words)
         if not any(eye.followed for eye in fits):
@@ -59,109 +59,3 @@ class Calibrate:
             )
         kept.keep(calibration, path)
         print(f"wrote {path.resolve()}; next: livedrive run; back: livedrive calibrate --undo")
-
-    def _takes(self) -> "list[Take]":
-        from encoder.eyes.encoder import load_eye_encoder
-        from encoder.inference import WEIGHTS
-        from sensors.clock import MonotonicClock
-        from sensors.live.source import LiveSource
-        from sensors.session.recording import Recording
-        from sensors.session.replay import ReplaySource
-
-        clock = MonotonicClock()
-        source: Source
-        if self.session:
-            recording = Recording(self.session)
-            if not recording.eyes:
-                raise InputError(
-                    f"calibrate: expected a session with pictures of the eyes, got none in "
-                    f"{self.session}; record one with livedrive record DIR --eyes SPEC"
-                )
-            source = ReplaySource(recording, clock, realtime=False, eyes=True)
-        else:
-            from sensors.cameras.spec import cameras
-
-            source = LiveSource(None, cameras(self.eyes, clock), clock)
-        live = self.session is None
-        return collect(source, load_eye_encoder(WEIGHTS), clock, print, live=live)
-
-
-def words_of_fit(eye: "EyeFit") -> str:
-    """One line: how good it is, and what was left as it was."""
-    line = f"{eye.name + ' eye':10s} {eye.grade:14s}"
-    if eye.off_deg is not None and eye.before_deg is not None:
-        line += f"{eye.off_deg:5.1f} degrees off the targets ({eye.before_deg:.1f} without)"
-    left = [f"gaze as it was: {eye.gaze}"] if eye.gaze else []
-    left += [f"lids as they were: {eye.lid}"] if eye.lid else []
-    return "; ".join([line, *left])
-
-
-def words_of(target: "Target") -> str:
-    """What a person is to do."""
-    if target.name != "look":
-        return {"blink": "blink a few times", "close": "close your eyes"}[target.name]
-    if target.yaw_deg:
-        return f"look {abs(target.yaw_deg):.0f} degrees {'left' if target.yaw_deg > 0 else 'right'}"
-    if target.pitch_deg:
-        return (
-            f"look {abs(target.pitch_deg):.0f} degrees {'up' if target.pitch_deg > 0 else 'down'}"
-        )
-    return "look straight ahead"
-
-
-def collect(
-    source: Source,
-    encoder: "EyeEncoder",
-    clock: Clock,
-    tell: Callable[[str], None],
-    *,
-    live: bool,
-) -> "list[Take]":
-    """Follow the routine's schedule on the source's own time and encode what is seen."""
-    from encoder.eyes.encoder import new_encoder_state
-    from encoder.eyes.routine import ROUTINE, Take
-    from sensors.assemble import Assembler
-
-    lead = int(LEAD_S * FPS) if live else 0
-    edges = lead + np.cumsum([0, *(int(target.seconds * FPS) for target in ROUTINE)])
-    assembler, rows, shown, state = Assembler(), list[Any](), -1, new_encoder_state()
-    source.open()
-    try:
-        while len(rows) < edges[-1] and not source.exhausted:
-            packets: list[Packet] = source.poll()
-            for packet in packets:
-                assembler.push(packet)
-            for frame in assembler.ready():
-                place = int(np.searchsorted(edges, len(rows), side="right")) - 1
-                if place != shown and 0 <= place < len(ROUTINE):
-                    shown = place
-                    tell(words_of(ROUTINE[place]))
-                reading = None
-                if frame.eyes is not None:
-                    reading, state = encoder.step(frame.eyes, state)
-                rows.append((reading, frame.eyes_valid))
-            if live and not packets:
-                clock.sleep_until_ns(clock.now_ns() + NS // 200)
-    finally:
-        source.close()
-    if len(rows) < edges[-1]:
-        raise InputError(
-            f"calibrate: expected {edges[-1] / FPS:.0f} s of eyes, got {len(rows) / FPS:.1f} s; "
-            "record the whole routine"
-        )
-    return [
-        Take(target, *_arrays(rows[start:stop]))
-        for target, start, stop in zip(ROUTINE, edges[:-1], edges[1:], strict=True)
-    ]
-
-
-def _arrays(rows: list[Any]) -> tuple[Any, Any, Any, Any]:
-    """(reading or None, fresh [2]) of each frame -> gaze and relative gaze [T, 2, 3], lids [T, 2],
-    good [T, 2]."""
-    gaze, relative = np.zeros((2, len(rows), 2, 3), np.float32)
-    lids, good = np.zeros((len(rows), 2), np.float32), np.zeros((len(rows), 2), np.bool_)
-    for t, (reading, fresh) in enumerate(rows):
-        if reading is not None:
-            gaze[t], relative[t], lids[t] = reading.told(fresh), reading.relative, reading.lids
-            good[t] = fresh & (reading.score > 0.5)
-    return gaze, relative, lids, good

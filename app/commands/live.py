@@ -1,16 +1,18 @@
-"""What `run` and `record` share: which sensors are opened, and how they end."""
+"""What `run`, `call` and `record` share: which sensors are opened, and how they end."""
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
-from app.compose.settings import LiveSettings
+from app.commands.options import DriveOptions
+from app.compose.settings import DriveSettings, LiveSettings
 from sensors.cameras import table
 from sensors.head import spec as heads
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from sensors.live.source import LiveSource
@@ -47,8 +49,30 @@ class LiveOptions:
         return LiveSettings(mic=self.mic, eyes=self.eyes, head=self.head, seconds=self.seconds)
 
 
+@dataclass(kw_only=True)
+class LiveDriveOptions(LiveOptions, DriveOptions):
+    """Options of the commands that drive the head live."""
+
+    headless: bool = False
+    """Open no window."""
+
+    def live_drive_settings(self, title: str) -> DriveSettings:
+        """All options as settings; there is a window unless the run is headless."""
+        if self.headless and self.window:
+            raise InputError("window: expected --headless or --window, got both; give one")
+        self.window = not self.headless
+        return self.settings(
+            realtime=True,
+            draw=False,
+            title=title,
+            head=self.live_settings().head_mode,
+            web_microphone=self.mic == "web",
+            web_head=self.head in ("auto", "web"),
+        )
+
+
 @contextmanager
-def ends_on_signals(source: "LiveSource") -> Iterator[list[int]]:
+def ends_on_signals(source: "LiveSource") -> Generator[list[int]]:
     """Ctrl-C and `kill` end the source, so that everything is finished; a second one breaks off.
 
     Yields the list of signals that came.

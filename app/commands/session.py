@@ -2,7 +2,7 @@
 
 import json
 import shlex
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +13,7 @@ from tyro.conf import Positional, subcommand
 
 
 @contextmanager
-def seconds_bar(what: str) -> Iterator[Callable[[float], object]]:
+def seconds_bar(what: str) -> Generator[Callable[[float], object]]:
     """A progress bar in seconds of sound, on a terminal."""
     from tqdm import tqdm
 

@@ -173,7 +173,7 @@ def _window(
         size=settings.size,
         background=settings.background,
         gaussians=settings.gaussians,
-        seats=seats.descriptor if seats else None,
+        seats=seats.handle if seats else None,
     )
     return WindowSink(info, clock, stages.latest_ms, tape)
 

@@ -69,7 +69,7 @@ def _microphone(name: str | None, clock: Clock, page: "WebSink | None") -> "Live
 def open_page(
     settings: DriveSettings,
     clock: Clock,
-    seats: int | None = None,  # descriptor of a call's seats
+    seats: str | None = None,  # handle of a call's seats
 ) -> "WebSink | None":
     """Start the server of the page, where `--web` asks for one."""
     network = settings.network

@@ -1,10 +1,9 @@
 """Where eye calibrations live: the user's profile for live runs, the session for its replay."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sensors import files
+from sensors import files, folders
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -14,9 +13,8 @@ if TYPE_CHECKING:
 
 
 def profile_path() -> Path:
-    """The user's file; XDG_CONFIG_HOME moves it."""
-    home = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(home) if home else Path.home() / ".config") / "livedrive" / "eyes.json"
+    """The user's file."""
+    return folders.config() / "eyes.json"
 
 
 def of_user(path: Path | None = None) -> "EyeCalibration | None":

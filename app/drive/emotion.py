@@ -5,11 +5,11 @@
 The words become a packet, so that a session keeps them and a replay shows them at the same frame.
 """
 
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from app.drive.emotion_port import OscPort
+from sensors import folders
 from sensors.types import EmotionPacket, Packet
 
 
@@ -52,6 +52,5 @@ def said_with(labels: Sequence[str], words: str, clip: Path | None) -> str:
     """`words` in terms of the labels, with the CLIP model in `clip` or what it said before."""
     from encoder.emotion.text import clip_embed, understood
 
-    home = os.environ.get("XDG_CONFIG_HOME")
-    cache = (Path(home) if home else Path.home() / ".config") / "livedrive" / "emotion_words.json"
+    cache = folders.config() / "emotion_words.json"
     return understood(words, labels, (lambda: clip_embed(clip)) if clip else None, cache)

@@ -8,7 +8,7 @@ draw. Live and replay differ only in the source and the clock.
 """
 
 import gc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -117,7 +117,7 @@ def apply_controls(
 
 
 @contextmanager
-def _running(parts: Drive) -> Iterator[None]:
+def _running(parts: Drive) -> Generator[None]:
     """Everything open and no garbage collection; everything closed again, whatever happens."""
     opened: list[Sink] = []
     collecting = gc.isenabled()

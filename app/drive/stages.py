@@ -1,7 +1,7 @@
 """Timing of the named stages of a tick, without allocation in the loop."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 
 import numpy as np
@@ -25,7 +25,7 @@ class Stages:
         self._count = dict.fromkeys(STAGES, 0)
 
     @contextmanager
-    def __call__(self, name: str) -> Iterator[None]:
+    def __call__(self, name: str) -> Generator[None]:
         wall, cpu = time.perf_counter_ns(), time.process_time_ns()
         try:
             yield

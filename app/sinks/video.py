@@ -6,6 +6,7 @@ The file is written in fragments, so that what was written before a crash or a f
 from collections.abc import Iterable
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,7 +39,8 @@ class VideoSink:
         import av
 
         options = {} if self._path.suffix == ".mkv" else {"movflags": "frag_keyframe+empty_moov"}
-        self._container = av.open(str(files.create(self._path, private=True)), "w", options=options)
+        name = str(files.create(self._path, private=True))
+        self._container: Any = av.open(name, "w", options=options)
         self._video = self._container.add_stream("libx264", rate=FPS)
         self._video.width, self._video.height = info.width, info.height
         self._video.pix_fmt = "yuv420p"
@@ -78,7 +80,8 @@ def film(path: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
     if path.suffix.lower() not in CONTAINERS:
         known = ", ".join(CONTAINERS)
         raise InputError(f"video: expected a name ending in {known}, got {path.name!r}; try .mp4")
-    with av.open(str(files.create(path)), "w") as container:
+    opened: Any = av.open(str(files.create(path)), "w")
+    with opened as container:
         stream = None
         for picture in pictures:
             if stream is None:

@@ -1,5 +1,7 @@
 """The head as a webcam of this machine, for video calls and streaming (v4l2loopback)."""
 
+# pyright: reportMissingTypeStubs=false
+
 from typing import Any
 
 import numpy as np

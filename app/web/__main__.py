@@ -1,12 +1,10 @@
-"""The web server's process: `python -m app.web DESCRIPTOR INFO`, started by WebSink."""
+"""The web server's process, started by WebSink."""
 
-import asyncio
 import json
 import logging
-import signal
-import socket
-import sys
 
+from app.process import child
+from app.process.channel import Channel
 from app.web.info import ServerInfo
 from app.web.link import STATUS
 from sensors.types import InputError
@@ -14,14 +12,15 @@ from sensors.types import InputError
 
 def main() -> None:
     """Serve; what goes wrong at the start is told through the socket."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
+    fields, _, end = child.begin()
+    assert end is not None
     logging.disable(logging.CRITICAL)  # garbage from clients is their affair
-    end = socket.socket(fileno=int(sys.argv[1]))
-    info = ServerInfo(**json.loads(sys.argv[2]))
+    info = ServerInfo(**fields)
     try:
         from app.web.server import WebServer
 
-        asyncio.run(WebServer(info, end).run())
+        child.run(WebServer(info, end).run())
+        end.close()
     except ImportError as error:
         problem = f"web: expected aiohttp and cryptography, got {error}; "
         _fail(end, problem + "run: pip install livedrive[web]")
@@ -33,7 +32,7 @@ def main() -> None:
         _fail(end, f"web: expected to listen at {where}, got: {what}; choose another port")
 
 
-def _fail(end: socket.socket, problem: str) -> None:
+def _fail(end: Channel, problem: str) -> None:
     end.send(STATUS + json.dumps({"error": problem}).encode())
     raise SystemExit(2)
 

@@ -3,21 +3,20 @@
 It is signed by itself, so the browser warns once; the key never leaves the user's folder.
 """
 
-import os
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from ipaddress import ip_address
 from pathlib import Path
 
-from sensors import files
+from sensors import files, folders
 
 DAYS = 365
 NAMES_FILE, KEY_FILE = "web_certificate.pem", "web_key.pem"
 
 
 def folder() -> Path:
-    """Where the user's settings live, after the XDG rule."""
-    return Path(os.environ.get("XDG_CONFIG_HOME") or Path.home() / ".config") / "livedrive"
+    """Where certificate, key and token are kept."""
+    return folders.config()
 
 
 def ensure(where: Path, hosts: Sequence[str], now_s: float) -> tuple[Path, Path]:

@@ -74,6 +74,11 @@ class AvatarFeed:
             "pitch": round(-down, 6),
             "roll": round(roll, 6),
         }
-        message = {"frame": face.index, "t_ns": face.t_ns, "arkit": named, "eyes": eyes}
-        message["head"] = head
+        message = {
+            "frame": face.index,
+            "t_ns": face.t_ns,
+            "arkit": named,
+            "eyes": eyes,
+            "head": head,
+        }
         return json.dumps(message, separators=(",", ":")).encode()

@@ -9,7 +9,7 @@ them, so the way of the joint is what counts as the head's position.
 from collections.abc import Callable
 
 from app.web.link import ServerLink
-from app.web.poses import MESSAGE
+from app.web.messages import MESSAGE
 from sensors import rotation
 from sensors.head.gate import Gate, Reading
 from sensors.head.source import HeadSource

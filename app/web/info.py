@@ -18,7 +18,7 @@ class ServerInfo:
     microphone: bool = False  # the run listens to the page's microphone
     head: bool = False  # ... and to its headset
     gains: str | None = None  # path of a gains file for the JSON
-    seats: int | None = None  # descriptor of a call's seats: partners are shown too
+    seats: str | None = None  # handle of a call's seats: partners are shown too
 
     @property
     def what(self) -> str:

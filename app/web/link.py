@@ -3,13 +3,12 @@
     loop -> WebSink -> ServerLink == socket ==> server
     page's microphone -> server == socket ==> ServerLink -> loop
 
-Packets keep their borders (SOCK_SEQPACKET) and neither end ever waits: what does not fit is dropped
-and counted. When one end dies, the other reads the end of the stream.
+Neither end ever waits: what does not fit is dropped and counted. When one end dies, the other reads
+the end of the stream.
 """
 
 import contextlib
 import json
-import socket
 import struct
 from collections import deque
 from typing import Any
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.process.channel import Channel
 from encoder.types import DrivenFrame
 from render.decoder.decoder import EXPRESSION_DIM
 from sensors.types import HeadPose
@@ -35,19 +35,8 @@ TICK = np.dtype(
 SOUND, STATUS, POSE = b"A", b"S", b"H"  # first byte of a packet from the server
 SOUND_HEAD = struct.Struct("<cqqq")  # kind, page number, first sample, arrival in ns
 POSE_HEAD = struct.Struct("<cq")  # kind, arrival in ns; then the page's message
-MAX_PACKET = 1 << 16
 MAX_SOUNDS = 256  # packets of 10 ms that wait for the loop; the oldest go first
 MAX_POSES = 256
-BUFFER = 1 << 19  # bytes the system may hold for the other end
-
-
-def pair() -> tuple[socket.socket, socket.socket]:
-    """Two connected ends that never block."""
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    for end in ends:
-        end.setblocking(False)
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
-    return ends
 
 
 def pack_tick(driven: DrivenFrame) -> bytes:
@@ -75,7 +64,7 @@ def unpack_tick(packet: bytes) -> DrivenFrame:
 class ServerLink:
     """The loop's end."""
 
-    def __init__(self, end: socket.socket) -> None:
+    def __init__(self, end: Channel) -> None:
         self.status: dict[str, Any] = {}  # what the server last said of itself
         self.sounds: deque[tuple[int, int, int, NDArray[np.float32]]] = deque(maxlen=MAX_SOUNDS)
         self.poses: deque[tuple[int, bytes]] = deque(maxlen=MAX_POSES)  # arrival ns, message
@@ -95,7 +84,7 @@ class ServerLink:
         """Take in what the server has sent: page, first sample, arrival in ns, samples [n]."""
         while not self.ended:
             try:
-                packet = self._end.recv(MAX_PACKET)
+                packet = self._end.recv()
             except BlockingIOError:
                 return
             except OSError:
@@ -115,7 +104,7 @@ class ServerLink:
     def finish(self) -> None:
         """Post no more: the server tells its last counts and ends."""
         with contextlib.suppress(OSError):
-            self._end.shutdown(socket.SHUT_WR)
+            self._end.finish()
 
     def close(self) -> None:
         self._end.close()

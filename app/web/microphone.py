@@ -25,11 +25,11 @@ class WebMicrophone:
     def __init__(self, link: ServerLink) -> None:
         self.problem = WAITING
         self.losses = 0  # times that sound was lost
-        self.reopened = 0  # times that another page took over
+        self.reopened: int = 0  # times that another page took over
         self.dropped = 0  # samples known to be lost
         self._link = link
         self._is_open = False
-        self._page = 0
+        self._page: int = 0
         self._offset = self._position = 0  # from the page's counter; next sample
         self._map = ClockMap()
 

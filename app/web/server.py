@@ -7,7 +7,6 @@ WebSocket /microphone -> socket
 import asyncio
 import json
 import mimetypes
-import os
 import socket
 import ssl
 import time
@@ -18,14 +17,16 @@ from typing import Any
 import psutil
 from aiohttp import hdrs, web
 
+from app.process import child
+from app.process.channel import Channel
 from app.web import access, certificate
 from app.web.feed import AvatarFeed
 from app.web.guard import BACKLOG, Doorman, check
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
-from app.web.link import MAX_PACKET, STATUS, unpack_tick
-from app.web.poses import PoseReceiver
-from app.web.voice import VoiceEndpoint
+from app.web.link import STATUS, unpack_tick
+from app.web.messages import PoseMessages, SoundMessages
+from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
 from sensors.types import InputError
 
@@ -49,12 +50,12 @@ HEADERS = {
 class WebServer:
     """Runs until the loop's end of the socket closes."""
 
-    def __init__(self, info: ServerInfo, end: socket.socket) -> None:
+    def __init__(self, info: ServerInfo, end: Channel) -> None:
         self._info, self._end = info, end
         self._listener = self._listen()
         self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
-        self._voice, self._poses = VoiceEndpoint(end), PoseReceiver(end)
+        self._voice, self._poses = Uplink(end, SoundMessages()), Uplink(end, PoseMessages())
         self._newest: DrivenFrame | None = None
         self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
         self._assets = {p.name: p.read_bytes() for p in PAGE.iterdir() if p.is_file()}
@@ -77,7 +78,7 @@ class WebServer:
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
         self._tell(addresses=self._addresses(port, token))
-        os.nice(NICENESS)  # not before: on a busy machine the start took a minute
+        child.lower_priority(NICENESS)  # not before: on a busy machine the start took a minute
         while not ended.done():
             await asyncio.wait([ended], timeout=STATUS_S)
             self._tell(**self.counts())  # also once at the end
@@ -94,8 +95,8 @@ class WebServer:
             "sent": self._clouds.sent + self._names.sent,
             "skipped": self._clouds.dropped + self._names.dropped,
             "refused": self._door.refused,
-            "microphone": self._voice.counts(),
-            "headset": self._poses.counts(),
+            "microphone": {"chunks": self._voice.passed, **self._voice.failures()},
+            "headset": {"poses": self._poses.passed, **self._poses.failures()},
         }
 
     def _routes(self, app: web.Application) -> None:
@@ -154,7 +155,7 @@ class WebServer:
         """Take every waiting tick; all go to programs, only the newest to pages."""
         while True:
             try:
-                packet = self._end.recv(MAX_PACKET)
+                packet = self._end.recv()
             except BlockingIOError:
                 break
             except OSError:

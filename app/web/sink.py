@@ -5,16 +5,16 @@ tick and talks to whoever connects. In a process of its own, at a lower priority
 client does can take Python's lock from the tick. What crosses is a tick of one kilobyte.
 """
 
-import json
 import subprocess
 import sys
-from dataclasses import asdict
 from typing import Any
 
 from app.drive.sink import FrameResult, RunInfo
+from app.process import child
+from app.process.channel import pair
 from app.terminal import qr
 from app.web.info import ServerInfo
-from app.web.link import ServerLink, pair
+from app.web.link import ServerLink
 from sensors.types import NS, Clock, InputError
 
 START_S, END_S = 60, 10  # patience with a server that starts, or ends
@@ -28,12 +28,8 @@ class WebSink:
         ours, theirs = pair()
         self.link = ServerLink(ours)
         self._info, self._clock, self._told = info, clock, False
-        descriptor = theirs.fileno()
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.web", str(descriptor), json.dumps(asdict(info))],
-            pass_fds=[descriptor, *([] if info.seats is None else [info.seats])],
-            stdin=subprocess.DEVNULL,
-        )
+        memories = [info.seats] if info.seats else []
+        self._process = child.start("app.web", info, memories, theirs)
         theirs.close()
 
     @property

@@ -1,17 +1,14 @@
-"""The window process: `python -m app.window DESCRIPTOR INFO`, started by WindowSink."""
+"""The window process, started by WindowSink."""
 
-import json
-import signal
-import sys
-
+from app.process import child
 from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import InputError
 
 
 def main() -> None:
     """Open the window; what goes wrong is left in the shared memory for the loop to report."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
-    memory, fields = SharedMemory(int(sys.argv[1])), json.loads(sys.argv[2])
+    fields, handles, _ = child.begin()
+    memory = SharedMemory(handles[0])
     fields |= {name: tuple(fields[name]) for name in ("avatars", "emotions")}
     info = WindowInfo(**fields)
     try:

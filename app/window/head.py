@@ -1,6 +1,7 @@
 """The head in the window: decodes, draws, and lays the picture over the background."""
 
 import time
+from typing import Any
 
 import moderngl
 import numpy as np
@@ -73,17 +74,17 @@ class HeadView:
         avatar: str,
         size: int,
         gaussians: Density,
-        seats: int | None = None,  # descriptor of a call's seats
+        seats: str | None = None,  # handle of a call's seats
     ) -> None:
         self._context, self._size = context, size
         self.decoder = Decoder.load(gaussians=gaussians)
         self.company = None if seats is None else Company(self.decoder, Seats(seats))
         self.identity = identity.load(avatar)
         self._renderer = wrap_context(context)
-        gl = context.gl
+        gl: Any = context.gl
         self._program = gl.program(vertex_shader=VERTEX, fragment_shader=FRAGMENT)
         self._triangle = gl.vertex_array(self._program, [])
-        self._texture = gl.texture((1, 1), 4)
+        self._texture: Any = gl.texture((1, 1), 4)
 
     def choose(self, avatar: str) -> None:
         if avatar != self.identity.name:

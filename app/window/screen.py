@@ -1,12 +1,12 @@
 """The window on the screen: glfw, Dear ImGui on top of its GL context, full screen, pacing."""
 
-import os
 import time
 from typing import Any
 
 import glfw
 from imgui_bundle import imgui, implot
 
+from app.process.child import lower_priority
 from app.window.panels.theme import Fonts, load_fonts, set_style
 from app.window.state.layout import MIN_SIZE, SIZE
 from render.gl.contexts import GLContext, create_context
@@ -38,7 +38,7 @@ class Screen:
         imgui.backends.glfw_init_for_opengl(_address(self.window), True)
         imgui.backends.opengl3_init("#version 330")
         if self.context.software:
-            os.nice(5)  # the tick goes first
+            lower_priority(5)  # the tick goes first
             glfw.swap_interval(0)  # nothing waits for this screen; `end` paces
         else:
             glfw.swap_interval(1)

@@ -7,17 +7,15 @@ not even when it hangs or crashes. It also decodes and draws on the other core, 
 rate, with motion between the ticks. What crosses is a tick of 320 kB, in shared memory.
 """
 
-import json
 import subprocess
-import sys
 from collections.abc import Callable
-from dataclasses import asdict
 from typing import Protocol
 
 import numpy as np
 
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult, RunInfo
+from app.process import child
 from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import NS, Clock, InputError
 
@@ -54,12 +52,8 @@ class WindowSink:
             self._memory.controls["emotion"] = info.emotions.index(name)
             self._memory.controls["intensity"] = float(intensity or 1)
         self._memory.controls["recording"] = tape is not None and tape.wanted
-        descriptor = self._memory.descriptor
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.window", str(descriptor), json.dumps(asdict(info))],
-            pass_fds=[descriptor, *([] if info.seats is None else [info.seats])],
-            stdin=subprocess.DEVNULL,
-        )
+        memories = [self._memory.handle, *([info.seats] if info.seats else [])]
+        self._process = child.start("app.window", info, memories)
         self._crashed = False
 
     def on_start(self, info: RunInfo) -> None:

@@ -6,9 +6,9 @@ geometry (`avatars/maker.py`). Hair is the person's own: Gaussians that do not m
 and a beard that does.
 """
 
-import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from render.decoder.learned import weights_file
 from render.decoder.posing import GEOMETRY_STEPS, Rest
 from render.strands import Hair
 from render.types import Floats
+from sensors import folders
 from sensors.types import InputError
 
 KIND = "identity"
@@ -53,9 +54,8 @@ class Identity:
 
 
 def user_folder() -> Path:
-    """Where `avatar create` puts people: the user's data, after the XDG rule."""
-    home = os.environ.get("XDG_DATA_HOME")
-    return (Path(home) if home else Path.home() / ".local" / "share") / "livedrive" / "avatars"
+    """Where `avatar create` puts people."""
+    return folders.data() / "avatars"
 
 
 def shipped() -> list[str]:
@@ -116,7 +116,7 @@ def load(name: str, folder: Path | None = None) -> Identity:
     )
 
 
-def save(who: Identity, folder: Path, card: dict) -> None:  # type: ignore[type-arg]
+def save(who: Identity, folder: Path, card: dict[str, Any]) -> None:
     """Write an avatar file and its card; what is kept is rounded, see `GEOMETRY_STEPS`."""
     hair = who.hair
 

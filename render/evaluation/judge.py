@@ -29,11 +29,11 @@ from render.training.data import expressions, face_data
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import assembly as assemblies
 from render.types import Camera, Floats, Gaussians
+from sensors import folders
 
 SIZE_PX = 512
 BLACK, WHITE = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0)
 FLAT = Lighting(BLACK, BLACK, BLACK, BLACK, WHITE, WHITE)
-CACHE = Path.home() / ".cache" / "livedrive" / "wardrobe"  # textures of the truth take a minute
 EYE_SPAN_MM = 60.0
 IRIS_DEG = 21.0  # half angle of the iris as seen from the eye's centre
 
@@ -58,8 +58,9 @@ class Judge:
         face = self.assembly.face
         parts = mesh_parts.build(face.faces, face.uv_faces, face.uv, self.assembly.kinds)
         self._mesh = MeshRenderer(context, parts)
-        CACHE.mkdir(parents=True, exist_ok=True)
-        self.wardrobe = Wardrobe(face, CACHE)
+        cache = folders.cache() / "wardrobe"  # textures of the truth take a minute
+        cache.mkdir(parents=True, exist_ok=True)
+        self.wardrobe = Wardrobe(face, cache)
         self._mesh.set_texture("relief", self.wardrobe.relief_map)
         self.splats = wrap_context(context)
         self.decoder = Decoder.load(gaussians="65k")

@@ -4,12 +4,12 @@ Flow: `play` -> null sink "speaker" -> source "mic" -> PortAudio -> Microphone.
 """
 
 import os
-import signal
 import subprocess
 import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
 from sensors.types import SAMPLE_RATE
@@ -68,10 +68,12 @@ class PulseServer:
         self._check("unload-module", "module-null-sink")
 
     def stall(self) -> None:
-        self._signal(signal.SIGSTOP)
+        assert self._process is not None
+        psutil.Process(self._process.pid).suspend()
 
     def go_on(self) -> None:
-        self._signal(signal.SIGCONT)
+        assert self._process is not None
+        psutil.Process(self._process.pid).resume()
 
     def kill(self) -> None:
         if self._process is not None:
@@ -95,7 +97,9 @@ class PulseServer:
     def close(self) -> None:
         for client in self._clients:
             if client.poll() is None:
-                os.killpg(client.pid, signal.SIGKILL)
+                for process in psutil.Process(client.pid).children(recursive=True):
+                    process.kill()
+                client.kill()
             client.wait()
         self._clients.clear()
         if self._process is not None:
@@ -103,15 +107,10 @@ class PulseServer:
         self.kill()
 
     def _spawn(self, command: str) -> subprocess.Popen[bytes]:
-        client = subprocess.Popen(
-            ["sh", "-c", command], env=os.environ | self.environment, start_new_session=True
-        )
+        environment = os.environ | self.environment
+        client = subprocess.Popen(["sh", "-c", command], env=environment, start_new_session=True)
         self._clients = [c for c in self._clients if c.poll() is None] + [client]
         return client
-
-    def _signal(self, number: int) -> None:
-        assert self._process is not None
-        self._process.send_signal(number)
 
     def _check(self, *words: str) -> None:
         done = self._pactl(*words)

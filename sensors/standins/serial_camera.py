@@ -2,9 +2,9 @@
 
 import os
 import select
+import sys
 import threading
 import time
-import tty
 from collections.abc import Sequence
 
 import numpy as np
@@ -24,11 +24,16 @@ class SerialCamera:
         self.sent = 0
         self._rng = np.random.default_rng(seed)
         self._closing = threading.Event()
+        self.port, self._master, self._slave = "", -1, -1
         self.plug()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def plug(self) -> None:
+        if sys.platform == "win32":
+            raise OSError("serial stand-in: expected pseudo-terminals, Windows has none")
+        import tty
+
         self._master, slave = os.openpty()
         tty.setraw(slave)
         os.set_blocking(self._master, False)

@@ -8,6 +8,7 @@ import zipfile
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -105,7 +106,7 @@ def safetensors(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
         length = fuzzer.pick(2**40) if fuzzer.pick(8) == 0 else len(changed)
         made = struct.pack("<Q", length) + changed + body
         path.with_suffix(".safetensors").write_bytes(made)
-        card = {"format": 1, "kind": "eyes", "config": {}}
+        card: dict[str, Any] = {"format": 1, "kind": "eyes", "config": {}}
         if fuzzer.pick(2):
             path.with_suffix(".json").write_text(
                 json.dumps(card | {"sha256": hashlib.sha256(made).hexdigest()})

@@ -76,7 +76,7 @@ def call(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     rings = [seal.Keyring(bytes(seal.SECRET_BYTES), name) for name in names]
     hello = agreement.Hello(identity=names[0], name="ann", basis=packer.number, met=(names[1],))
     link = "livedrive://127.0.0.1:8000/#" + "A" * 22 + "." + "A" * 43
-    openers = (
+    openers: tuple[tuple[bytes, Callable[[bytes], object]], ...] = (
         (codes, packer.open),
         (hello.to_bytes(), agreement.read_hello),
         (json.dumps({"version": 1}).encode(), agreement.read_hello),

@@ -13,6 +13,8 @@ from urllib.parse import urlsplit
 
 import numpy as np
 
+from app.process.child import lower_priority
+
 FLOOD = b"x" * 900
 PATIENCE_S = 5.0
 
@@ -79,10 +81,10 @@ class HostileClients:
 
 
 if __name__ == "__main__":
-    if hasattr(os, "SCHED_IDLE"):  # Linux
+    if sys.platform == "linux":
         os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     else:
-        os.nice(19)
+        lower_priority(19)
     clients = HostileClients(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]))
     for _ in sys.stdin:
         asyncio.run(clients.run())

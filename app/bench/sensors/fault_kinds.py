@@ -2,13 +2,14 @@
 
 import os
 import random
-import signal
 import subprocess
 import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+import psutil
 
 from app.bench.sensors.fault_watch import POLL_NS, Fault, repeat, sleep, watched
 
@@ -108,7 +109,7 @@ def usb(times: int, rng: random.Random, rows: list[Fault]) -> None:
 
 
 def stopped(times: int, rng: random.Random, rows: list[Fault]) -> None:
-    """SIGSTOP for three seconds, of a process that runs a LiveSource with one camera."""
+    """Three seconds without running, of a process that runs a LiveSource with one camera."""
     from sensors.clock import MonotonicClock
     from sensors.standins.eye_pictures import film
     from sensors.standins.mjpeg import MjpegServer
@@ -117,6 +118,7 @@ def stopped(times: int, rng: random.Random, rows: list[Fault]) -> None:
     words = [sys.executable, "-m", "app.bench.sensors.fault_kinds", server.url]
     child = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert child.stdout is not None
+    process = psutil.Process(child.pid)
     newest = [0]
 
     def follow() -> None:
@@ -127,8 +129,8 @@ def stopped(times: int, rng: random.Random, rows: list[Fault]) -> None:
     reader.start()
     fault = Fault(
         "process stopped for 3 s",
-        lambda: child.send_signal(signal.SIGSTOP),
-        lambda: child.send_signal(signal.SIGCONT),
+        process.suspend,
+        process.resume,
         (STOP_S, STOP_S),
     )
     rows.append(fault)

@@ -37,7 +37,11 @@ def measure_faults(times: int) -> dict[str, Any]:
         at_most("recovery_p95_s_of_the_worst", p95, 2.0),
     ]
     show(table)
-    metrics = {"faults": len(recovery), "crashes": len(crashes), "recovery_p95_s": p95}
+    metrics: dict[str, float | str] = {
+        "faults": len(recovery),
+        "crashes": len(crashes),
+        "recovery_p95_s": p95,
+    }
     if crashes:
         metrics["first_crash"] = repr(crashes[0])
     return {"metrics": metrics, "table": table, "bars": thresholds}

@@ -2,13 +2,17 @@
 
 import hashlib
 import os
+import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from app.drive.sink import FrameResult, RunInfo
 from sensors.types import FPS, NS
+
+if TYPE_CHECKING:
+    import psutil
 
 WARM_UP_S = 60.0  # at most; buffers are touched, the envelope of the clock settles
 
@@ -60,7 +64,7 @@ class SoakProbe:
         sizes = {
             "memory_mb": own.memory_info().rss / 2**20,
             "threads": float(own.num_threads()),
-            "descriptors": float(own.num_fds() if hasattr(own, "num_fds") else 0),
+            "descriptors": float(_open_files(own)),
         }
         for child in own.children():
             try:
@@ -85,3 +89,9 @@ def unlike(live: SoakProbe, replayed: SoakProbe) -> int:
 def watched_growth(probe: SoakProbe) -> dict[str, Any]:
     """For the report: growth by name since the warm-up."""
     return {f"{name}_growth": value for name, value in sorted(probe.growth.items())}
+
+
+def _open_files(process: "psutil.Process") -> int:
+    if sys.platform == "win32":
+        return process.num_handles()
+    return process.num_fds()

@@ -9,7 +9,7 @@ import json
 import subprocess
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -165,7 +165,7 @@ def _replay(session: Path, seconds: float) -> SoakProbe:
 
 
 @contextmanager
-def _receivers() -> Iterator[tuple[str, ...]]:
+def _receivers() -> Generator[tuple[str, ...]]:
     """Three programs that take datagrams."""
     words = [sys.executable, "-m", "app.bench.network.receivers"]
     with subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as ends:

@@ -1,11 +1,13 @@
 """The stand-in world of `bench soak`, `sensors`, `faults`: microphone, cameras, a screen."""
 
+# pyright: reportMissingTypeStubs=false
+
 import os
 import shutil
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -18,7 +20,7 @@ REPEAT = 100_000
 
 
 @contextmanager
-def microphone(voice: Path = VOICE) -> Iterator[str]:
+def microphone(voice: Path = VOICE) -> Generator[str]:
     """A PulseAudio server of our own that plays `voice` into its microphone; yields its --mic."""
     import soundfile
 
@@ -43,7 +45,7 @@ def microphone(voice: Path = VOICE) -> Iterator[str]:
 
 
 @contextmanager
-def cameras(num: int, *, rate_hz: float = 30.0, jitter_ms: float = 8.0) -> Iterator[list[str]]:
+def cameras(num: int, *, rate_hz: float = 30.0, jitter_ms: float = 8.0) -> Generator[list[str]]:
     """MJPEG servers in processes of their own; yields their addresses."""
     with ExitStack() as stack:
         urls: list[str] = []
@@ -61,7 +63,7 @@ def cameras(num: int, *, rate_hz: float = 30.0, jitter_ms: float = 8.0) -> Itera
 
 
 @contextmanager
-def tracker() -> Iterator[str]:
+def tracker() -> Generator[str]:
     """A program that sends VMC poses, in a process of its own; yields the --head that hears it."""
     with socket.socket(type=socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
@@ -75,7 +77,7 @@ def tracker() -> Iterator[str]:
 
 
 @contextmanager
-def screen() -> Iterator[None]:
+def screen() -> Generator[None]:
     """The user's screen, or one that nobody sees."""
     from sensors.types import InputError
 

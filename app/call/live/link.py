@@ -6,11 +6,10 @@ Microphone -> CallMicrophone (own thread, every few ms) -> call's process
 
 import json
 import subprocess
-import sys
 import threading
 from collections import deque
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,8 @@ from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
 from app.drive.controls import ControlPanel, Controls
 from app.drive.sink import FrameResult, RunInfo
+from app.process import child
+from app.process.channel import pair
 from sensors.live.source import LiveMicrophone
 from sensors.types import NS, AudioPacket, Clock, InputError, Packet, SourceInfo
 
@@ -42,16 +43,10 @@ class CallLink:
         self.muted = self.eyes_muted = False
         self.on_played: Callable[[bytes], None] | None = None
         self._tell = tell
-        self._socket, theirs = protocol.pair()
+        self._socket, theirs = pair()
         self._lock = threading.Lock()
-        descriptors = [theirs.fileno(), self.seats.descriptor]
-        self._process = subprocess.Popen(
-            [sys.executable, "-m", "app.call", *map(str, descriptors)],
-            pass_fds=descriptors,
-            stdin=subprocess.DEVNULL,
-        )
+        self._process = child.start("app.call", settings, [self.seats.handle], theirs)
         theirs.close()
-        self.post(protocol.pack_json(protocol.SETTINGS, asdict(settings)))
 
     def wait_for_invite(self, clock: Clock) -> str:
         """The invite of a call that was opened here. Raises InputError where it cannot be."""
@@ -82,7 +77,7 @@ class CallLink:
         with self._lock:
             while not self.ended:
                 try:
-                    packet = self._socket.recv(protocol.MAX_PACKET)
+                    packet = self._socket.recv()
                 except BlockingIOError:
                     return
                 except OSError:

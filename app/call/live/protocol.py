@@ -1,11 +1,10 @@
-"""What crosses between the loop and the call's process, over a socket that keeps packets whole.
+"""What crosses between the loop and the call's process, see app.process.
 
-loop:  settings once, sound of the microphone, ticks, changes of state
+loop:  settings at its start, sound of the microphone, ticks, changes of state
 call:  the invite, lines to tell, what the loudspeaker plays (for the echo canceller), a report
 """
 
 import json
-import socket
 import struct
 from dataclasses import dataclass
 
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.call.wire.packet import Tick
 
-SETTINGS, SOUND, TICK, STATE, END = b"C", b"A", b"T", b"S", b"E"
+SOUND, TICK, STATE, END = b"A", b"T", b"S", b"E"
 INVITE, LINE, PLAYED, REPORT, ERROR = b"I", b"L", b"F", b"R", b"X"
 SOUND_HEAD = struct.Struct("<qq")  # the device's count and the time of the first sample
 TICK_ROW = np.dtype(
@@ -28,14 +27,10 @@ TICK_ROW = np.dtype(
         ("breath", "<f4"),
     ]
 )
-MAX_PACKET = 1 << 16
-BUFFER = 1 << 19
 
 
 @dataclass(frozen=True, kw_only=True)
 class CallSettings:
-    """Crosses as JSON, through the socket: a command line could be read by others."""
-
     name: str
     avatar: str
     invite: str = ""  # empty: this end opens the call
@@ -48,15 +43,6 @@ class CallSettings:
     speaker: str | None = None  # name or part of it, or none
     accept: bool = False  # without asking
     ice_servers: tuple[str, ...] = ()
-
-
-def pair() -> tuple[socket.socket, socket.socket]:
-    """Two connected ends that never block."""
-    ends = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-    for end in ends:
-        end.setblocking(False)
-        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
-    return ends
 
 
 def pack_sound(first: int, t_ns: int, samples: NDArray[np.float32]) -> bytes:

@@ -7,7 +7,6 @@ loop ==socket==> Service -> Call -> Room          Partner -> Seats ==memory==> w
 import asyncio
 import json
 import secrets
-import socket
 import threading
 import time
 from collections.abc import Callable
@@ -34,6 +33,7 @@ from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite, parse
 from app.call.wire.packet import Basis
 from app.call.wire.seal import SECRET_BYTES
+from app.process.channel import Channel
 from sensors.types import NS, SAMPLE_RATE, Clock
 
 PLAYED = 480  # samples that go to the echo canceller at a time
@@ -43,7 +43,7 @@ TELL_S = 1.0
 class Service:
     """Runs until the loop's end of the socket closes."""
 
-    def __init__(self, end: socket.socket, seats: Seats, basis: Basis, clock: Clock) -> None:
+    def __init__(self, end: Channel, seats: Seats, basis: Basis, clock: Clock) -> None:
         self._end, self._seats, self._basis, self._clock = end, seats, basis, clock
         self._lock = threading.Lock()  # the loudspeaker asks from a thread of its own
         self._played = np.zeros(0, np.float32)
@@ -187,7 +187,7 @@ class Service:
         }
         while True:
             try:
-                packet = self._end.recv(protocol.MAX_PACKET)
+                packet = self._end.recv()
             except BlockingIOError:
                 return
             except OSError:

@@ -5,8 +5,6 @@
 Nobody waits: the writer overwrites the oldest tick, a reader takes what it finds whole.
 """
 
-import mmap
-import os
 from dataclasses import astuple, dataclass
 from typing import Any
 
@@ -15,6 +13,7 @@ import numpy as np
 from app.call.media.face import FaceTrack, Seen
 from app.call.wire.agreement import MAX_PEOPLE
 from app.call.wire.packet import Tick
+from app.process import memory
 from sensors.types import NS, SAMPLE_RATE
 
 SLOTS = 16  # ticks of a partner
@@ -51,17 +50,14 @@ STATUS = np.dtype([("lines", "S2000"), ("may_record", "?")])  # lines for the sc
 
 
 class Seats:
-    """The memory, made here or opened by its descriptor."""
+    """The memory, made here or opened by its handle."""
 
-    def __init__(self, descriptor: int | None = None) -> None:
+    def __init__(self, handle: str | None = None) -> None:
         size = SEAT.itemsize * (MAX_PEOPLE - 1) + STATUS.itemsize
-        if descriptor is None:
-            descriptor = os.memfd_create("livedrive-call", 0)
-            os.ftruncate(descriptor, size)
-        self.descriptor = descriptor
-        memory = mmap.mmap(descriptor, size)
-        self.rows = np.frombuffer(memory, SEAT, MAX_PEOPLE - 1)
-        self._status: Any = np.frombuffer(memory, STATUS, 1, SEAT.itemsize * (MAX_PEOPLE - 1))
+        self._block = memory.attach(handle, size) if handle else memory.create(size)
+        self.handle, buffer = self._block.handle, self._block.buffer
+        self.rows = np.frombuffer(buffer, SEAT, MAX_PEOPLE - 1)
+        self._status: Any = np.frombuffer(buffer, STATUS, 1, SEAT.itemsize * (MAX_PEOPLE - 1))
 
     @property
     def lines(self) -> list[str]:
@@ -129,7 +125,7 @@ class Seats:
         }
 
     def close(self) -> None:
-        os.close(self.descriptor)
+        self._block.close()
 
     def _seat(self, identity: str) -> Any:
         found = [row for row in self.rows if row["identity"] == identity.encode()]

@@ -4,16 +4,14 @@ import getpass
 import sys
 import threading
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 from tyro.conf import Positional, subcommand
 
-from app.commands.live import LiveOptions, ends_on_signals
+from app.commands.live import LiveDriveOptions, ends_on_signals
 from app.commands.meet.server import Server, Test
-from app.commands.options import DriveOptions
 from app.compose.call import SoundSettings, Switch
 from sensors import files
 from sensors.types import InputError
@@ -26,7 +24,7 @@ KEYS = "y accepts, m mutes, e mutes the eyes, r agrees to be recorded, q leaves;
 
 
 @dataclass(kw_only=True)
-class CallOptions(LiveOptions, DriveOptions):
+class CallOptions(LiveDriveOptions):
     """What both ends of a call share: all of `livedrive run`, and the call itself."""
 
     name: str = ""
@@ -41,8 +39,6 @@ class CallOptions(LiveOptions, DriveOptions):
     """Accept who holds the invite without being asked."""
     ice: Annotated[tuple[str, ...], tyro.conf.arg(metavar="URL ...")] = ()
     """stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, where a direct line is not to be had."""
-    headless: bool = False
-    """Open no window."""
     record: Path | None = None
     """Record this end into this folder, once everybody has agreed."""
 
@@ -50,60 +46,31 @@ class CallOptions(LiveOptions, DriveOptions):
         raise NotImplementedError
 
     def run(self) -> None:
-        if self.headless and self.window:
-            raise InputError("window: expected --headless or --window, got both; give one")
-        self.window = not self.headless
+        settings = self.live_drive_settings("call")
         from app.call.live.tape import CallTape
-        from app.compose.build import build, load_driver
         from app.compose.call import open_call, through_call, with_call
-        from app.compose.live import live_source, open_page, open_recorder, tell
-        from app.compose.report import finish, report, sensor_report
-        from app.drive.calibration import in_session, of_user
+        from app.compose.live import tell
+        from app.compose.live_run import LiveRun
+        from app.compose.report import finish
         from app.drive.loop import drive
-        from app.sinks.live_stats import LiveStats
         from app.sinks.sensor_notes import SensorNotes
-        from sensors.audio.portaudio import silence_native_messages
         from sensors.clock import MonotonicClock
 
-        live, clock, stats = self.live_settings(), MonotonicClock(), LiveStats()
-        settings = self.settings(
-            realtime=True,
-            draw=False,
-            title="call",
-            head=live.head_mode,
-            web_microphone=self.mic == "web",
-            web_head=self.head in ("auto", "web"),
-        )
         link = open_call(self.settings_of_call())
         try:
-            self.opened(link, clock)
-            page = open_page(settings, clock, link.seats.descriptor)
-            source = live_source(live, clock, page)
-            through_call(
-                source, link, SoundSettings(echo=self.echo, noise=self.noise), self.speaker
-            )
-            driver = load_driver(settings, bool(source.info.eyes), of_user())
-            recorder = partial(open_recorder, source=source, calibration=in_session(driver))
-            tape = CallTape(link, self.record, recorder)
-            silence_native_messages()
-            with ends_on_signals(source) as signals:
-                listen_to_keys(link, source.stop)
-                parts = build(
-                    settings,
-                    source=source,
-                    driver=driver,
-                    clock=clock,
-                    sinks=[stats, SensorNotes(source, tell)],
-                    tape=tape,
-                    page=page,
-                    seats=link.seats,
-                )
+            self.opened(link, MonotonicClock())
+            run = LiveRun(self.live_settings(), settings, link.seats)
+            sound = SoundSettings(echo=self.echo, noise=self.noise)
+            through_call(run.source, link, sound, self.speaker)
+            tape = CallTape(link, self.record, run.open_recorder)
+            with ends_on_signals(run.source) as signals:
+                listen_to_keys(link, run.source.stop)
+                parts = run.build(tape, [SensorNotes(run.source, tell)])
                 summary = drive(with_call(parts, link))
                 tape.close()
         finally:
             link.close()
-        values = report(settings, parts, summary) | stats.report()
-        values |= {"sensors": sensor_report(source), "call": link.report}
+        values = run.report(parts, summary) | {"call": link.report}
         finish(values, self.report, settings.files.written)
         for session in tape.sessions:
             print(f"wrote {session.resolve()}; next: livedrive replay {session}")

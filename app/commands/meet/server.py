@@ -50,7 +50,11 @@ class Server:
         shown = self.address or self.host
         print(f"next: livedrive call host --room NAME --key {key} \\", flush=True)
         print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
-        signal.signal(signal.SIGTERM, lambda *_: process.terminate())
+
+        def stop(number: int, frame: object) -> None:  # noqa: ARG001
+            process.terminate()
+
+        signal.signal(signal.SIGTERM, stop)
         try:
             status = process.wait()
         finally:

@@ -4,7 +4,7 @@ Seen from straight ahead, as the head is driven: every headset's cameras sit els
 on the picture itself would only be right for one of them.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,12 +46,13 @@ class EyeMarks:
         members = [self._margin(identity, eye) for eye in range(2)]
         self._rest = [identity.geometry[m] for m in members]
         rows = [(3 * m[:, None] + np.arange(3)).ravel() for m in members]
-        self._moves = [decoder.basis[r] for r in rows]
+        self._moves: list[Any] = [decoder.basis[r] for r in rows]
 
     def of(self, eye: int, expression: Floats, gaze: Floats) -> Marks:
         """Marks of one eye (0 = left) for code [256] and gaze [2, 3]."""
         rig, look = self._decoder.rig(expression), gaze[eye]
-        lids = self._rest[eye] + (self._moves[eye] @ rig).reshape(-1, 3)
+        moved: Floats = (self._moves[eye] @ rig).reshape(-1, 3)
+        lids = self._rest[eye] + moved
         edge = from_front(lids - self._centers[eye])
         return Marks(
             pupil=from_front(PUPIL_MM * look[None])[0],

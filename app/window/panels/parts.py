@@ -1,6 +1,6 @@
 """Small pieces of the panels: headings, switches, meters; drawn with Dear ImGui."""
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import contextmanager
 from typing import Any
 
@@ -18,7 +18,7 @@ def rgba(color: Color, alpha: float = 1.0) -> int:
 
 
 @contextmanager
-def area(name: str, rect: Rect, background: bool = False) -> Iterator[None]:
+def area(name: str, rect: Rect, background: bool = False) -> Generator[None]:
     """A fixed piece of the window to draw in."""
     flags = imgui.WindowFlags_
     kind = flags.no_decoration | flags.no_move | flags.no_saved_settings | flags.no_nav
@@ -35,7 +35,7 @@ def area(name: str, rect: Rect, background: bool = False) -> Iterator[None]:
 
 
 @contextmanager
-def font(face: Any, size: float) -> Iterator[None]:
+def font(face: Any, size: float) -> Generator[None]:
     imgui.push_font(face, size)
     try:
         yield

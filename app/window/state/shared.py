@@ -6,14 +6,13 @@ Nobody ever waits: the writer overwrites the oldest tick, the reader takes what 
 marked unready while it is written, so that a reader never sees half of one.
 """
 
-import mmap
-import os
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from app.drive.stages import STAGES
+from app.process import memory
 from render.types import Density
 from sensors.types import EYE_SIZE
 
@@ -73,22 +72,19 @@ class WindowInfo:
     size: int = 512  # px of the head on software GL; a GPU fills the window
     background: str = "studio"
     gaussians: Density = "32k"
-    seats: int | None = None  # descriptor of a call's seats: partners are drawn too
+    seats: str | None = None  # handle of a call's seats: partners are drawn too
 
 
 class SharedMemory:
-    """Both records, on anonymous memory that vanishes with its last user."""
+    """Both records."""
 
-    def __init__(self, descriptor: int | None = None) -> None:
+    def __init__(self, handle: str | None = None) -> None:
         """Make the memory, or open what another process made."""
         size = SLOTS * TICK.itemsize + CONTROLS.itemsize
-        if descriptor is None:
-            descriptor = os.memfd_create("livedrive-window", 0)
-            os.ftruncate(descriptor, size)
-        self.descriptor = descriptor
-        memory = mmap.mmap(descriptor, size)  # lives as long as the arrays below
-        self._ring = np.frombuffer(memory, TICK, SLOTS)
-        self.controls: np.void = np.frombuffer(memory, CONTROLS, 1, SLOTS * TICK.itemsize)[0]
+        self._block = memory.attach(handle, size) if handle else memory.create(size)
+        self.handle, buffer = self._block.handle, self._block.buffer
+        self._ring = np.frombuffer(buffer, TICK, SLOTS)
+        self.controls: np.void = np.frombuffer(buffer, CONTROLS, 1, SLOTS * TICK.itemsize)[0]
         self._posted = 0
 
     def clear(self) -> None:
@@ -119,4 +115,4 @@ class SharedMemory:
 
     def close(self) -> None:
         """Let go of the memory; it vanishes when the arrays do."""
-        os.close(self.descriptor)
+        self._block.close()

@@ -34,7 +34,7 @@ def seated(*names: str) -> Seats:
 
 def test_a_reader_of_the_memory_sees_the_pose_of_its_moment() -> None:
     seats = seated("ann")
-    reader = SeatReader(Seats(seats.descriptor))
+    reader = SeatReader(Seats(seats.handle))
     (sitter,) = reader.sitters(S)
     assert (sitter.name, sitter.avatar) == ("ANN", "ada")
     assert abs(sitter.tick.expression[0] - 1) < 1e-3
@@ -50,7 +50,7 @@ def test_the_eighth_finds_no_seat_and_lines_are_cut() -> None:
     seats.lines = ["x" * 5000, "y"]
     assert len(seats.lines[0]) == 2000
     seats.may_record = True
-    assert Seats(seats.descriptor).may_record
+    assert Seats(seats.handle).may_record
 
 
 def test_seats_do_not_overlap_and_the_speaker_is_largest() -> None:

@@ -8,8 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.commands.calibrate import Calibrate, collect
+from app.commands.calibrate import Calibrate
+from app.compose import calibrate
 from app.drive.calibration import in_session, keep, of_session, of_user, profile_path, undo
+from app.drive.eye_routine import collect
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.encoder import EyeReading
 from encoder.eyes.format import unit
@@ -120,7 +122,7 @@ def test_nothing_is_written_where_nobody_followed(
     """Red before: it was written."""
     path = tmp_path / "eyes.json"
     keep(EyeCalibration(), path)
-    monkeypatch.setattr(Calibrate, "_takes", lambda self: wandering(3))
+    monkeypatch.setattr(calibrate, "takes_of_cameras", lambda specs: wandering(3))
     with pytest.raises(InputError, match="nothing was written"):
         Calibrate(eyes=("uvc:0",), out=path).run()
     assert of_user(path) == EyeCalibration() and len(list(tmp_path.iterdir())) == 1

@@ -4,48 +4,14 @@ import errno
 
 import numpy as np
 import pytest
+from tone import Tone
 
 from app.drive.loop import Drive, drive
 from app.drive.sink import Expendable, FrameResult, RunInfo
 from encoder.types import DrivenFrame
 from render.types import AHEAD
 from sensors.clock import ManualClock
-from sensors.types import FPS, NS, SAMPLES_PER_FRAME, AudioPacket, SourceInfo
-
-
-class Tone:
-    """A source of `frames` frames of sound that arrive on time, with one stall."""
-
-    info = SourceInfo("tone")
-    dropped = 0
-
-    def __init__(self, clock: ManualClock, frames: int, stall: range = range(0)) -> None:
-        self.clock, self.frames, self.stall = clock, frames, stall
-        self.sent, self.closed = 0, False
-
-    @property
-    def exhausted(self) -> bool:
-        return self.sent >= self.frames
-
-    def open(self) -> None:
-        self.start_ns = self.clock.now_ns()
-
-    def poll(self) -> list[AudioPacket]:
-        due = (self.clock.now_ns() - self.start_ns) * FPS // NS
-        if due in self.stall:
-            return []
-        first, self.sent = self.sent, max(self.sent, min(due, self.frames))
-        return [
-            AudioPacket(
-                t_ns=k * NS // FPS,
-                first_sample=k * SAMPLES_PER_FRAME,
-                samples=np.full(SAMPLES_PER_FRAME, 0.1, np.float32),
-            )
-            for k in range(first, self.sent)
-        ]
-
-    def close(self) -> None:
-        self.closed = True
+from sensors.types import FPS, NS
 
 
 class Counting:

@@ -20,9 +20,10 @@ from web_client import (
 )
 
 from app.face.arkit import ARKIT_NAMES
+from app.process.channel import pair
 from app.sinks.protocols.face import FaceReader
 from app.web.cloud import CloudReader
-from app.web.link import ServerLink, pack_tick, pair, unpack_tick
+from app.web.link import ServerLink, pack_tick, unpack_tick
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.types import Renderer

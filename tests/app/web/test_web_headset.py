@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import chromium, headset, open_page, screenshot
+from browser import headset, open_page, screenshot
 from web_client import Talker, psnr, serving, wait_until
 
 from app.drive.sink import FrameResult
@@ -37,12 +37,6 @@ TURNS = [(15, 0, 0), (0, 20, 0), (0, 0, 10)]
 def talker(decoder: Decoder) -> Iterator[Talker]:
     with serving(decoder, head=True) as made:
         made.tick(3)
-        yield made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as made:
         yield made
 
 

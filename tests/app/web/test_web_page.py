@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from browser import SPY, chromium, headset, open_page, screenshot
+from browser import SPY, headset, open_page, screenshot
 from web_client import Talker, psnr, serving, wait_until
 
 from render import cameras
@@ -25,12 +25,6 @@ SIZE = 256
 def talker(decoder: Decoder) -> Iterator[Talker]:
     with serving(decoder) as made:
         made.tick(30)
-        yield made
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as made:
         yield made
 
 

@@ -8,7 +8,7 @@ import pytest
 from web_client import Talker, play, serving, socket_to, wait_until
 
 from app.web.headset_source import joint, reading, web_head
-from app.web.poses import MESSAGE
+from app.web.messages import MESSAGE
 from render.decoder.decoder import Decoder
 from sensors import rotation
 from sensors.clock import MonotonicClock

@@ -1,0 +1,1 @@
+"""Avatars as files and pictures: what `livedrive avatar` does."""

@@ -1,0 +1,59 @@
+"""A new avatar from a person's mean geometry and mean texture."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from sensors.types import InputError
+
+NAME = "a-z, 0-9, - and _, at most 32"
+
+
+@dataclass(frozen=True, kw_only=True)
+class AvatarParts:
+    geometry: Path  # npz with `vertices` [26719, 3], or OBJ
+    texture: Path  # skin atlas, 2:1
+    eye: str  # colour
+    hair: str | None  # avatar whose hair is worn
+    beard: str | None  # avatar whose beard is worn
+
+
+def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Path:
+    """Write the avatar into `folder`; -> its weights. `replace`: one of that name may be there.
+
+    Raises InputError where the name is taken or not one, or a file is not what it should be."""
+    from dataclasses import replace as with_parts
+
+    from render.avatars import scan
+    from render.avatars.hair_transfer import transfer
+    from render.avatars.maker import Maker
+    from render.decoder import identity
+
+    _check(name, folder, replace)
+    lender = identity.load(parts.hair) if parts.hair else None
+    maker = Maker()
+    geometry = scan.read_geometry(parts.geometry, maker.faces)
+    skin = scan.read_texture(parts.texture)
+    who = maker.identity(name, geometry, skin, parts.eye)
+    if lender:
+        who = with_parts(who, hair=transfer(lender, who))
+    if parts.beard:
+        who = with_parts(who, beard=identity.load(parts.beard).beard)
+    read = {"geometry": parts.geometry.name, "texture": parts.texture.name}
+    identity.save(who, folder, {"command": "livedrive avatar create", **asdict(parts), **read})
+    return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
+
+
+def _check(name: str, folder: Path, replace: bool) -> None:
+    from render.decoder import identity
+
+    if not name.replace("-", "").replace("_", "").isalnum() or len(name) > 32:
+        raise InputError(f"name: expected {NAME}, got {name!r}; choose another")
+    if name == "all" or not name.isascii() or name != name.lower():
+        raise InputError(f"name: expected {NAME}, got {name!r}; choose another")
+    if name in identity.shipped():
+        raise InputError(f"name: expected a new one, got that of a shipped avatar, {name}")
+    if name in identity.names(folder) and not replace:
+        raise InputError(
+            f"name: expected a new one, got that of an avatar in {folder}; "
+            "choose another, or add --replace"
+        )

@@ -1,0 +1,62 @@
+"""A live run: sensors, page, driver and statistics, as `run` and `call` share them."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from app.compose.build import build, load_driver
+from app.compose.live import live_source, open_page, open_recorder
+from app.compose.report import report, sensor_report
+from app.compose.settings import DriveSettings, LiveSettings
+from app.drive.calibration import in_session, of_user
+from app.drive.loop import Drive, Summary
+from app.drive.sink import Sink
+
+if TYPE_CHECKING:
+    from app.call.live.tape import CallTape
+    from app.call.table.seats import Seats
+    from app.drive.tape import Tape
+    from sensors.live.recorder import LiveRecorder
+
+
+class LiveRun:
+    """Raises InputError where a sensor, the page or the networks cannot be had as asked for."""
+
+    def __init__(
+        self,
+        live: LiveSettings,
+        settings: DriveSettings,
+        seats: "Seats | None" = None,  # of a call: partners are drawn too
+    ) -> None:
+        from app.sinks.live_stats import LiveStats
+        from sensors.clock import MonotonicClock
+
+        self.settings, self.clock, self.stats = settings, MonotonicClock(), LiveStats()
+        self._seats = seats
+        self._page = open_page(settings, self.clock, seats.handle if seats else None)
+        self.source = live_source(live, self.clock, self._page)
+        self._driver = load_driver(settings, bool(self.source.info.eyes), of_user())
+
+    def open_recorder(self, folder: Path) -> "LiveRecorder":
+        """Record into a new session, with the calibration that the driver uses."""
+        return open_recorder(folder, self.source, in_session(self._driver))
+
+    def build(self, tape: "Tape | CallTape", sinks: Sequence[Sink] = ()) -> Drive:
+        from sensors.audio.portaudio import silence_native_messages
+
+        silence_native_messages()
+        return build(
+            self.settings,
+            source=self.source,
+            driver=self._driver,
+            clock=self.clock,
+            sinks=[self.stats, *sinks],
+            tape=tape,
+            page=self._page,
+            seats=self._seats,
+        )
+
+    def report(self, parts: Drive, summary: Summary) -> dict[str, Any]:
+        """What the run, its latency statistics and its sensors counted."""
+        values = report(self.settings, parts, summary) | self.stats.report()
+        return values | {"sensors": sensor_report(self.source)}

@@ -1,0 +1,97 @@
+"""Packets between two processes of a run: whole ones, and neither end ever waits.
+
+Each packet goes as its length (u32) and its bytes over a stream socket, as Linux, macOS and Windows
+all have one. When one end closes or dies, the other reads b"".
+"""
+
+import socket
+import struct
+import threading
+
+HEAD = struct.Struct("<I")
+MAX_PACKET = 1 << 16
+BUFFER = 1 << 19  # bytes the system may hold for the other end
+CLOSE_S = 1.0  # patience with the rest of a packet
+
+
+class Channel:
+    """One end. Any thread may send; one at a time receives."""
+
+    def __init__(self, end: socket.socket) -> None:
+        end.setblocking(False)
+        end.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, BUFFER)
+        self.socket = end
+        self._incoming, self._outgoing = bytearray(), bytearray()
+        self._lock = threading.Lock()
+
+    def send(self, packet: bytes) -> None:
+        """All of the packet or, with BlockingIOError where the other end is too slow, nothing.
+
+        Raises another OSError where the other end is gone."""
+        if len(packet) > MAX_PACKET:
+            raise ValueError(f"packet: expected {MAX_PACKET} bytes at most, got {len(packet)}")
+        with self._lock:
+            self._flush()
+            if self._outgoing:
+                raise BlockingIOError
+            data = HEAD.pack(len(packet)) + packet
+            self._outgoing += data[self.socket.send(data) :]
+
+    def recv(self) -> bytes:
+        """The next packet, b"" at the end; BlockingIOError where none has come yet."""
+        with self._lock:
+            self._flush()
+        while True:
+            if len(self._incoming) >= HEAD.size:
+                (size,) = HEAD.unpack_from(self._incoming)
+                stop = HEAD.size + size
+                if len(self._incoming) >= stop:
+                    packet = bytes(self._incoming[HEAD.size : stop])
+                    del self._incoming[:stop]
+                    return packet
+            try:
+                data = self.socket.recv(MAX_PACKET)
+            except ConnectionError:
+                return b""
+            if not data:
+                return b""
+            self._incoming += data
+
+    def fileno(self) -> int:
+        return self.socket.fileno()
+
+    def finish(self) -> None:
+        """Send no more: the other end reads b"" after what was sent."""
+        with self._lock:
+            self._drain()
+            self.socket.shutdown(socket.SHUT_WR)
+
+    def close(self) -> None:
+        with self._lock:
+            self._drain()
+            self.socket.close()
+
+    def _flush(self) -> None:
+        """The rest of the packet before, as far as it goes."""
+        if self._outgoing:
+            try:
+                del self._outgoing[: self.socket.send(self._outgoing)]
+            except OSError:
+                return
+
+    def _drain(self) -> None:
+        if self._outgoing:
+            self.socket.settimeout(CLOSE_S)
+            try:
+                self.socket.sendall(self._outgoing)
+            except OSError:
+                return
+            finally:
+                self._outgoing.clear()
+                self.socket.setblocking(False)
+
+
+def pair() -> tuple[Channel, Channel]:
+    """Two connected ends."""
+    ours, theirs = socket.socketpair()
+    return Channel(ours), Channel(theirs)

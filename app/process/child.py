@@ -1,0 +1,75 @@
+"""A part of a run in a process of its own: started here, and what it does first there.
+
+What the child must know crosses on its standard input, as one line of JSON: the command line of a
+process can be read by other users.
+"""
+
+import asyncio
+import base64
+import contextlib
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Coroutine, Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from app.process import memory
+from app.process.channel import Channel
+
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+
+def start(
+    module: str,
+    info: "DataclassInstance",
+    memories: Sequence[str] = (),  # handles that the child opens
+    end: Channel | None = None,  # that the child takes over
+) -> "subprocess.Popen[bytes]":
+    """Start `python -m module`; it calls `begin`."""
+    command = [sys.executable, "-m", module]
+    if sys.platform == "win32":
+        process = subprocess.Popen(command, stdin=subprocess.PIPE)
+        shared = base64.b64encode(end.socket.share(process.pid)).decode() if end else ""
+    else:
+        kept = [number for handle in memories for number in memory.inherited(handle)]
+        kept += [end.fileno()] if end else []
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=kept)
+        shared = str(end.fileno()) if end else ""
+    assert process.stdin is not None
+    line = json.dumps({"info": asdict(info), "memories": list(memories), "socket": shared})
+    with contextlib.suppress(BrokenPipeError), process.stdin:  # gone: its status says it
+        process.stdin.write(line.encode() + b"\n")
+    return process
+
+
+def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
+    """In the child: info, handles of memories, and the channel, as `start` was given them."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
+    given = json.loads(sys.stdin.readline())
+    word, end = given["socket"], None
+    if word and sys.platform == "win32":
+        end = Channel(socket.fromshare(base64.b64decode(word)))
+    elif word:
+        end = Channel(socket.socket(fileno=int(word)))
+    return given["info"], given["memories"], end
+
+
+def lower_priority(niceness: int) -> None:
+    """Let the tick go first. On Windows: below normal, whatever the niceness."""
+    if sys.platform == "win32":
+        import psutil
+
+        psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    else:
+        os.nice(niceness)
+
+
+def run(work: Coroutine[Any, Any, None]) -> None:
+    """asyncio.run on a loop that can wait for a socket; the one that Windows prefers cannot."""
+    with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:
+        runner.run(work)

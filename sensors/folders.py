@@ -1,0 +1,22 @@
+"""Where this user's things are kept: the system's own folders, as XDG, Windows and macOS say."""
+
+from pathlib import Path
+
+import platformdirs
+
+NAME = "livedrive"
+
+
+def config() -> Path:
+    """Calibrations, certificates and keys."""
+    return platformdirs.user_config_path(NAME, appauthor=False)
+
+
+def data() -> Path:
+    """The user's avatars."""
+    return platformdirs.user_data_path(NAME, appauthor=False)
+
+
+def cache() -> Path:
+    """What can be computed again."""
+    return platformdirs.user_cache_path(NAME, appauthor=False)

@@ -1,0 +1,133 @@
+"""What crosses between processes: packets whole and in order, memory by either way."""
+
+import subprocess
+import sys
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from app.process import child, memory
+from app.process.channel import MAX_PACKET, Channel, pair
+from sensors.types import InputError
+
+ROOT = Path(__file__).parents[3]
+
+
+def received(end: Channel, count: int) -> list[bytes]:
+    found: list[bytes] = []
+    while len(found) < count:
+        try:
+            found.append(end.recv())
+        except BlockingIOError:
+            continue
+    return found
+
+
+def test_packets_arrive_whole_and_in_order_whatever_their_size() -> None:
+    ours, theirs = pair()
+    sizes = [1, 3, 0, MAX_PACKET, 17, 1]
+    sent = [bytes([k]) * size for k, size in enumerate(sizes)]
+    for packet in sent:
+        ours.send(packet)
+    assert received(theirs, len(sent)) == sent
+    ours.close()
+    assert received(theirs, 1) == [b""]
+    theirs.close()
+
+
+def test_a_slow_reader_costs_whole_packets_and_never_a_part_of_one() -> None:
+    ours, theirs = pair()
+    kept, dropped = 0, 0
+    for k in range(20_000):
+        try:
+            ours.send(k.to_bytes(4, "little") * 250)
+            kept += 1
+        except BlockingIOError:
+            dropped += 1
+            if dropped == 100:
+                break
+    assert dropped == 100 and kept > 10
+    numbers = []
+    reader = threading.Thread(target=lambda: numbers.extend(received(theirs, kept)))
+    reader.start()
+    ours.finish()
+    reader.join(30)
+    assert numbers == [k.to_bytes(4, "little") * 250 for k in range(kept)]
+    assert received(theirs, 1) == [b""]
+    for end in (ours, theirs):
+        end.close()
+
+
+def test_nothing_to_read_does_not_wait_and_a_dead_end_says_so() -> None:
+    ours, theirs = pair()
+    with pytest.raises(BlockingIOError):
+        theirs.recv()
+    ours.socket.send(b"\x05\x00\x00\x00ab")  # dies within a packet
+    ours.socket.close()
+    assert theirs.recv() == b""
+    theirs.close()
+
+
+def test_too_long_a_packet_is_an_error_of_ours() -> None:
+    ours, theirs = pair()
+    with pytest.raises(ValueError, match="65536 bytes at most, got 65537"):
+        ours.send(bytes(MAX_PACKET + 1))
+    for end in (ours, theirs):
+        end.close()
+
+
+@dataclass
+class Info:
+    value: int
+
+
+CHILD = """
+import numpy as np
+from app.process import child, memory
+info, handles, end = child.begin()
+for handle in handles:
+    np.frombuffer(memory.attach(handle, 64).buffer, np.int64)[0] += info["value"]
+end.send(b"done")
+end.close()
+"""
+
+
+def test_a_child_opens_memory_of_both_kinds_and_takes_the_channel(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "a_child.py").write_text(CHILD)
+    monkeypatch.setenv("PYTHONPATH", f"{ROOT}:{tmp_path}")
+    blocks = [memory.create(64), memory.NamedBlock(None, 64)]
+    arrays = [np.frombuffer(block.buffer, np.int64, 8) for block in blocks]
+    ours, theirs = pair()
+    process = child.start("a_child", Info(7), [block.handle for block in blocks], theirs)
+    theirs.close()
+    assert process.wait(60) == 0, capfd.readouterr().err
+    assert received(ours, 2) == [b"done", b""]
+    assert [int(array[0]) for array in arrays] == [7, 7]  # the named one outlives its reader
+    for block in blocks:
+        block.close()
+    ours.close()
+    assert int(arrays[1][0]) == 7
+    assert capfd.readouterr().err == ""
+
+
+def test_memory_that_is_gone_is_named() -> None:
+    block = memory.NamedBlock(None, 64)
+    block.close()
+    with pytest.raises(InputError, match="got none; the run that made it has ended"):
+        memory.attach(block.handle, 64)
+    with pytest.raises(InputError, match="expected fd:NUMBER or name:NAME"):
+        memory.attach("psm_1", 64)
+
+
+def test_named_memory_leaves_no_word_at_the_end_of_a_process() -> None:
+    code = (
+        "import numpy as np; from app.process.memory import NamedBlock; "
+        "b = NamedBlock(None, 64); a = np.frombuffer(b.buffer, np.int64); b.close(); print(a[0])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
