@@ -8,6 +8,7 @@ import json
 import multiprocessing
 import os
 import shutil
+import sys
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
     from encoder.capture.motion.contacts import LipGeometry
     from encoder.capture.subjects.plans import Config, Plan
 
-_lips: "LipGeometry | None" = None  # of the parent process; children are forked
+_lips: "LipGeometry | None" = None  # of a process that makes subjects
 
 
 def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
     """Make or finish a set in `folder`; returns its manifest's counts and what it cost."""
-    global _lips
     from tqdm import tqdm
 
     from app.face.geometry import lips
@@ -39,12 +39,12 @@ def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
     _same_recipe(folder, recipe, InputError)
     todo = [plan for plan in plans if dataset.finished(folder / plan.name) is None]
     todo.sort(key=lambda plan: plan.kind == "made")  # real ones take longest: first
-    _lips = lips()
     os.environ["OMP_NUM_THREADS"] = "1"
-    context = multiprocessing.get_context("fork")
+    # a fork starts at once, but only Linux' libraries survive one
+    context = multiprocessing.get_context("fork" if sys.platform == "linux" else "spawn")
     # one task a child: espeak-ng keeps a state, so that its sound would depend on what it said
     before = children_s()
-    with context.Pool(processes, maxtasksperchild=1) as pool:
+    with context.Pool(processes, _begin, (lips(),), maxtasksperchild=1) as pool:
         work = pool.imap_unordered(_make, [(folder / plan.name, plan) for plan in todo])
         for _ in tqdm(work, total=len(todo), desc="capture", unit="subject", mininterval=2):
             pass
@@ -80,6 +80,12 @@ def _same_recipe(folder: Path, recipe: dict[str, Any], error: type[Exception]) -
             "choose another folder or repeat the first settings"
         )
     files.write_text(path, text)
+
+
+def _begin(lips: "LipGeometry") -> None:
+    """What every child process knows."""
+    global _lips
+    _lips = lips
 
 
 def _make(job: "tuple[Path, Plan]") -> str:

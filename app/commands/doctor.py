@@ -1,5 +1,6 @@
 """`livedrive doctor`: is everything here that the head needs? One line a part, with the cure."""
 
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -20,16 +21,13 @@ class Doctor:
             raise SystemExit(1)
 
 
-def _opengl(backend: str) -> Callable[[], str]:
-    def check() -> str:
-        from render.splats.renderer import create_renderer
+def _opengl() -> str:
+    from render.splats.renderer import create_renderer
 
-        renderer = create_renderer(backend)
-        name = renderer.name
-        renderer.close()
-        return name
-
-    return check
+    renderer = create_renderer("egl" if sys.platform == "linux" else "auto")
+    name = renderer.name
+    renderer.close()
+    return name
 
 
 def _encoder() -> str:
@@ -108,7 +106,7 @@ def _programs() -> str:
 
 
 CHECKS: dict[str, Callable[[], str]] = {
-    "OpenGL (EGL)": _opengl("egl"),
+    "OpenGL": _opengl,
     "encoder": _encoder,
     "avatars": _avatars,
     "video": _video,

@@ -1,4 +1,4 @@
-"""Where OpenGL comes from: EGL (no display needed), OSMesa (no driver needed), or a window.
+"""Where OpenGL comes from: EGL (needs no display), OSMesa (needs no driver), the system, a window.
 
 One interface for all: `create_context(backend)` gives a GLContext whose `gl` is a moderngl
 context. Keep to one backend in a process; OSMesa and a hardware driver do not mix well.
@@ -6,6 +6,7 @@ context. Keep to one backend in a process; OSMesa and a hardware driver do not m
 
 import ctypes
 import ctypes.util
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -15,14 +16,16 @@ from sensors.types import InputError
 if TYPE_CHECKING:
     import moderngl
 
-BACKENDS = ("auto", "egl", "osmesa", "window")
+BACKENDS = ("auto", "egl", "osmesa", "system", "window")
 VERSIONS = (430, 330)  # asked for in this order: with compute shaders, without (macOS: 4.1)
 SOFTWARE_NAMES = ("llvmpipe", "softpipe", "swrast", "swr")
 
-APT_LINES = {
-    "egl": "apt install libegl1 libgl1 libgl1-mesa-dri",
-    "osmesa": "apt install libosmesa6",
-    "window": "apt install libgl1 libgl1-mesa-dri xvfb",
+DRIVER = "install the driver of the graphics card"
+CURES = {
+    "egl": "run: apt install libegl1 libgl1 libgl1-mesa-dri",
+    "osmesa": "run: apt install libosmesa6",
+    "system": DRIVER,
+    "window": "run: apt install libgl1 libgl1-mesa-dri xvfb" if sys.platform == "linux" else DRIVER,
 }
 
 
@@ -35,7 +38,7 @@ class GLContext:
     """A current OpenGL context; the renderers see no difference between the backends."""
 
     gl: "moderngl.Context"
-    backend: str  # egl | osmesa | window
+    backend: str  # egl | osmesa | system | window
     window: Any = None  # the glfw window of osmesa (invisible) and window
 
     @property
@@ -100,7 +103,11 @@ class _GlfwLoader:
 
 
 def create_context(backend: str = "auto", size: tuple[int, int] = (512, 512)) -> GLContext:
-    """Open a context; "auto" takes EGL, else OSMesa. `size` matters to "window" only."""
+    """Open a context; `size` matters to "window" only.
+
+    "auto" takes EGL, else OSMesa; on Windows (WGL) and macOS (CGL) that of the system. Raises
+    InputError where there is none.
+    """
     if backend not in BACKENDS:
         raise InputError(
             f"GL backend: expected one of {', '.join(BACKENDS)}, got {backend!r}; try auto"
@@ -119,6 +126,8 @@ def _create(backend: str, size: tuple[int, int]) -> GLContext:
         return _create_osmesa()
     if backend == "window":
         return _create_window(size)
+    if backend == "system" or sys.platform != "linux":
+        return _standalone("system", "OpenGL", {})
     try:
         return _create_egl()
     except InputError as no_egl:
@@ -129,23 +138,28 @@ def _create(backend: str, size: tuple[int, int]) -> GLContext:
 
 
 def _missing(backend: str, what: str, got: object) -> InputError:
-    return InputError(f"{what}: expected OpenGL 3.3, got {got}; run: {APT_LINES[backend]}")
+    return InputError(f"{what}: expected OpenGL 3.3, got {got}; {CURES[backend]}")
 
 
 def _create_egl() -> GLContext:
     for library in ("EGL", "GL"):
         if ctypes.util.find_library(library) is None:
             raise _missing("egl", "EGL", f"no lib{library}")
+    return _standalone("egl", "EGL", {"backend": "egl"})
+
+
+def _standalone(backend: str, what: str, settings: dict[str, Any]) -> GLContext:
+    """A context without a window of ours, with the settings of moderngl."""
     import moderngl
 
     problem: object = None
     for version in VERSIONS:
         try:
-            gl = moderngl.create_standalone_context(require=version, backend="egl")  # pyright: ignore[reportArgumentType] (stub is wrong)
-            return GLContext(gl, "egl")
-        except Exception as error:  # moderngl raises bare Exception for every failure of EGL
+            gl = moderngl.create_standalone_context(require=version, **settings)
+            return GLContext(gl, backend)
+        except Exception as error:  # moderngl raises bare Exception for every failure
             problem = error
-    raise _missing("egl", "EGL", problem)
+    raise _missing(backend, what, problem)
 
 
 def _create_osmesa() -> GLContext:

@@ -8,6 +8,7 @@ Microphones are listed by sensors.portaudio.
 import errno
 import os
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +64,7 @@ def _serial_ports() -> Iterator[FoundDevice]:
         if port.vid is None or port.pid is None:
             continue  # a port on the board; eye cameras come over USB
         problem = ""
-        if not os.access(port.device, os.R_OK | os.W_OK):
+        if sys.platform != "win32" and not os.access(port.device, os.R_OK | os.W_OK):
             problem = _no_access(port.device, "dialout")
         known = profile(int(port.vid), int(port.pid))
         name, headset = port.description or port.name, known.name if known else ""

@@ -4,6 +4,7 @@ To add a camera: a file with its Link (sensors/cameras/camera.py says what that 
 """
 
 import re
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -40,8 +41,19 @@ class Entry:
 def _uvc(target: CameraTarget, clock: Clock) -> Connect:
     from sensors.cameras.video import DriverLink
 
-    device = f"/dev/video{target.text}" if target.text.isdigit() else target.text
-    return lambda: DriverLink(device, "v4l2", clock)
+    device, container_format = target.text, "v4l2"
+    if sys.platform == "win32":  # DirectShow counts no cameras
+        if device.isdigit():
+            raise InputError(
+                f"--eyes uvc:{device}: expected the camera's name on Windows, got a number; "
+                "try --eyes 'uvc:USB Camera', as the Device Manager calls it"
+            )
+        device, container_format = f"video={device}", "dshow"
+    elif sys.platform == "darwin":
+        container_format = "avfoundation"  # by number or name
+    elif device.isdigit():
+        device = f"/dev/video{device}"
+    return lambda: DriverLink(device, container_format, clock)
 
 
 def _http(target: CameraTarget, clock: Clock) -> Connect:

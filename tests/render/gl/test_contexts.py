@@ -5,10 +5,12 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from render.gl.contexts import create_context
+from render.gl import contexts
+from render.gl.contexts import GLContext, create_context
 from render.splats.renderer import create_renderer
 from sensors.types import InputError
 
@@ -40,7 +42,7 @@ def test_auto_names_both_ways_out(monkeypatch):
 
 
 def test_unknown_names_list_the_choices():
-    with pytest.raises(InputError, match="egl, osmesa, window, got 'vulkan'"):
+    with pytest.raises(InputError, match="egl, osmesa, system, window, got 'vulkan'"):
         create_context("vulkan")
     with pytest.raises(InputError, match="tiles, quads, reference, got 'points'"):
         create_renderer(method="points")
@@ -120,3 +122,20 @@ def test_threads_of_a_software_driver_share_the_cpus_in_two_halves():
         [sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True, timeout=60
     )
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.slow
+def test_the_context_of_the_system_draws_as_the_others_do() -> None:
+    """On Linux that of a screen; Windows and macOS have no other."""
+    command = ["xvfb-run", "-a", sys.executable, "-c", OLD_GL, "system"]
+    env = os.environ | {"PYTHONPATH": f"{ROOT}:{ROOT / 'tests' / 'render'}"}
+    done = subprocess.run(command, env=env, cwd=ROOT, capture_output=True, text=True, timeout=120)
+    assert done.stdout.split()[:2] == ["tiles", "True"], done.stderr
+
+
+def test_windows_and_macos_open_the_context_of_the_system(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[object] = []
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(contexts, "_standalone", lambda *words: asked.extend(words) or gl)
+    gl = GLContext(gl=SimpleNamespace(info={"GL_RENDERER": "Apple M2"}), backend="system")  # type: ignore[arg-type]
+    assert create_context() is gl and asked == ["system", "OpenGL", {}]
