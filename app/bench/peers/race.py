@@ -148,10 +148,11 @@ def _exported(
     stage: "Stage", seed: int
 ) -> tuple[Callable[[list[np.ndarray]], np.ndarray], list[np.ndarray]]:
     """The stage in ONNX Runtime, and something for it to read."""
-    import torch
+    import torch as typed
 
     from encoder.nn.onnx_session import session
 
+    torch: Any = typed  # its own annotations are not whole
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     torch.manual_seed(seed)
     module: nn.Module = stage.build().eval()
