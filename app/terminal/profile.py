@@ -9,21 +9,19 @@
 What stands on the command line comes after it, and so wins.
 """
 
-import os
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
-from sensors import files
+from sensors import files, folders
 from sensors.types import InputError
 
 NAME = "run.toml"
 
 
 def path() -> Path:
-    """XDG_CONFIG_HOME moves it."""
-    home = os.environ.get("XDG_CONFIG_HOME")
-    return (Path(home) if home else Path.home() / ".config") / "livedrive" / NAME
+    """The user's file."""
+    return folders.config() / NAME
 
 
 def words(file: Path) -> list[str]:
@@ -42,15 +40,16 @@ def words(file: Path) -> list[str]:
 
 
 def _option(name: str, value: Any, file: Path) -> list[str]:
-    values = value if isinstance(value, list) else [value]  # pyright: ignore
+    shown = str(value)[:40]
+    values = cast(list[Any], value) if isinstance(value, list) else [value]
     if value is False:
         return []
     option = f"--{name.replace('_', '-')}"
     if value is True:
         return [option]
-    if not values or not all(type(v) in (str, int, float) for v in values):  # pyright: ignore
+    if not values or not all(type(v) in (str, int, float) for v in values):
         raise InputError(
             f"{file}: expected {name} to be a text, a number, true, false or a list of such, got "
-            f"{str(value)[:40]!r}; see livedrive run -h"
+            f"{shown!r}; see livedrive run -h"
         )
-    return [option, *map(str, values)]  # pyright: ignore
+    return [option, *map(str, values)]
