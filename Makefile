@@ -4,6 +4,8 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
+# What differs from system to system; pyright reads it for each.
+PORTABLE := app sensors render/gl
 # A WebXR headset for the browser tests, in JavaScript.
 XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
@@ -47,6 +49,8 @@ check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/codespell
 	$(VENV)/bin/pyright
+	$(VENV)/bin/pyright --pythonplatform Windows $(PORTABLE)
+	$(VENV)/bin/pyright --pythonplatform Darwin $(PORTABLE)
 	$(PY) -m pytest -n auto
 
 golden: setup  ## bless the golden pictures anew (llvmpipe, clean tree)

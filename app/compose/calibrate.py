@@ -8,10 +8,10 @@ from app.drive.eye_routine import collect
 from sensors.types import InputError
 
 if TYPE_CHECKING:
-    from encoder.eyes.routine import Take
+    from encoder.eyes.routine import TargetSamples
 
 
-def takes_of_session(session: Path) -> "list[Take]":
+def takes_of_session(session: Path) -> "list[TargetSamples]":
     """Raises InputError where the session has no pictures of eyes, or too few."""
     from encoder.eyes.encoder import load_eye_encoder
     from encoder.inference import WEIGHTS
@@ -29,7 +29,7 @@ def takes_of_session(session: Path) -> "list[Take]":
     return collect(source, load_eye_encoder(WEIGHTS), clock, print, live=False)
 
 
-def takes_of_cameras(specs: Sequence[str]) -> "list[Take]":
+def takes_of_cameras(specs: Sequence[str]) -> "list[TargetSamples]":
     """Raises InputError where a camera cannot be used."""
     from encoder.eyes.encoder import load_eye_encoder
     from encoder.inference import WEIGHTS

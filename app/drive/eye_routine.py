@@ -9,7 +9,7 @@ from sensors.types import FPS, NS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
     from encoder.eyes.encoder import EyeEncoder
-    from encoder.eyes.routine import EyeFit, Take, Target
+    from encoder.eyes.routine import EyeFit, Target, TargetSamples
 
 LEAD_S = 2.0  # before the first target, to get ready
 
@@ -44,10 +44,10 @@ def collect(
     tell: Callable[[str], None],
     *,
     live: bool,
-) -> "list[Take]":
+) -> "list[TargetSamples]":
     """Follow the routine's schedule on the source's own time and encode what is seen."""
     from encoder.eyes.encoder import new_encoder_state
-    from encoder.eyes.routine import ROUTINE, Take
+    from encoder.eyes.routine import ROUTINE, TargetSamples
     from sensors.assemble import Assembler
 
     lead = int(LEAD_S * FPS) if live else 0
@@ -78,7 +78,7 @@ def collect(
             "record the whole routine"
         )
     return [
-        Take(target, *_arrays(rows[start:stop]))
+        TargetSamples(target, *_arrays(rows[start:stop]))
         for target, start, stop in zip(ROUTINE, edges[:-1], edges[1:], strict=True)
     ]
 

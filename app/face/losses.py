@@ -1,4 +1,4 @@
-"""The frozen decoder as the training losses see it: a code's vertices, lips and mouth (DESIGN 2).
+"""The frozen decoder as the training losses see it: a code's vertices, lips and mouth.
 
 `encoder` never imports `render`: these maps are handed over from here. All are linear in the code
 but for the lips' spans, which are lengths.

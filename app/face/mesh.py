@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def face_mesh(avatar: str) -> "FaceMesh":
-    """Vertex sets `lips` and `upper_face` (DESIGN 4), head at rest, mm."""
+    """Vertex sets `lips` and `upper_face`, head at rest, mm."""
     from encoder.evaluation.judging import FaceMesh
     from encoder.evaluation.metrics import LipMarks
     from render.decoder import identity

@@ -1,4 +1,4 @@
-"""The motion file (DESIGN 4): codes, gaze, ARKit, and the vertices that the metrics look at."""
+"""The motion file: codes, gaze, ARKit, and the vertices that the metrics look at."""
 
 import zipfile
 from io import BytesIO

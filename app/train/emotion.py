@@ -1,4 +1,4 @@
-"""The emotion stage with what it needs of the decoder and of the capture stage (DESIGN 2)."""
+"""The emotion stage with what it needs of the decoder and of the capture stage."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -1,4 +1,4 @@
-"""The training stages of eyes and gaze, with what they need of the capture stage (DESIGN 2)."""
+"""The training stages of eyes and gaze, with what they need of the capture stage."""
 
 from typing import TYPE_CHECKING, Any
 

@@ -54,7 +54,7 @@ def check(token: str | None, port: int):  # noqa: ANN201
     return middleware
 
 
-class Doorman:
+class ConnectionLimiter:
     """Accepts connections no faster than a flood may cost; who must wait, waits in the kernel."""
 
     def __init__(self, server: web.Server, listener: socket.socket) -> None:

@@ -21,7 +21,7 @@ from app.process import child
 from app.process.channel import Channel
 from app.web import access, certificate
 from app.web.feed import AvatarFeed
-from app.web.guard import BACKLOG, Doorman, check
+from app.web.guard import BACKLOG, ConnectionLimiter, check
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
 from app.web.link import STATUS, unpack_tick
@@ -72,9 +72,9 @@ class WebServer:
         )
         await runner.setup()
         assert runner.server is not None
-        self._door = Doorman(runner.server, self._listener)
+        self._limiter = ConnectionLimiter(runner.server, self._listener)
         tls = None if self._info.is_local else self._tls()
-        door = asyncio.create_task(self._door.work(tls))
+        door = asyncio.create_task(self._limiter.work(tls))
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
         self._tell(addresses=self._addresses(port, token))
@@ -94,7 +94,7 @@ class WebServer:
             "programs": len(self._names),
             "sent": self._clouds.sent + self._names.sent,
             "skipped": self._clouds.dropped + self._names.dropped,
-            "refused": self._door.refused,
+            "refused": self._limiter.refused,
             "microphone": {"chunks": self._voice.passed, **self._voice.failures()},
             "headset": {"poses": self._poses.passed, **self._poses.failures()},
         }
@@ -210,11 +210,11 @@ class WebServer:
         return await self._stay(request, self._poses.serve(request))
 
     async def _stay(self, request: web.Request, serving: Any) -> web.StreamResponse:
-        self._door.settle(request)
+        self._limiter.settle(request)
         try:
             return await serving
         finally:
-            self._door.leave(request)
+            self._limiter.leave(request)
 
     def _tell(self, **status: Any) -> None:
         try:

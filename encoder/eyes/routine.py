@@ -59,7 +59,7 @@ ROUTINE = (
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class TargetSamples:
     """What the eye encoder said while one target was shown, from the first frame on."""
 
     target: Target
@@ -99,7 +99,7 @@ class EyeFit:
         return "good" if off <= GOOD_DEG else "fair" if off <= FAIR_DEG else "poor"
 
 
-def fit(takes: Sequence[Take]) -> tuple[EyeCalibration, tuple[EyeFit, EyeFit]]:
+def fit(takes: Sequence[TargetSamples]) -> tuple[EyeCalibration, tuple[EyeFit, EyeFit]]:
     """Takes of a routine -> calibration, and how good it is for each eye."""
     matrix, shift, shut, wide, _ = ([*value] for value in EyeCalibration()._arrays)
     relative, fits = [False, False], list[EyeFit]()
@@ -123,7 +123,7 @@ def fit(takes: Sequence[Take]) -> tuple[EyeCalibration, tuple[EyeFit, EyeFit]]:
 
 
 def _fit_gaze(
-    takes: Sequence[Take], eye: int
+    takes: Sequence[TargetSamples], eye: int
 ) -> tuple[Map | None, float | None, float | None, str]:
     """The map, if it is better and moderate; degrees off without and with it; why there is none."""
     seen, guessed, wanted = [], [], []
@@ -166,7 +166,7 @@ def _off_deg(wanted: NDArray[np.float64], got: Sequence[NDArray[Any]] | NDArray[
     return float(np.degrees(np.linalg.norm(wanted - np.array(got), axis=1).mean()))
 
 
-def _fit_lid(takes: Sequence[Take], eye: int) -> tuple[float, float] | None:
+def _fit_lid(takes: Sequence[TargetSamples], eye: int) -> tuple[float, float] | None:
     """Median opening at the targets, and the lower openings while closed."""
     opened = [t.lids[SETTLE:, eye][t.good[SETTLE:, eye]] for t in takes if t.target.name == "look"]
     closed = [t.lids[SETTLE:, eye][t.good[SETTLE:, eye]] for t in takes if t.target.name == "close"]

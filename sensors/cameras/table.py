@@ -83,7 +83,7 @@ def _usb(target: CameraTarget, clock: Clock) -> Connect:
 
 
 def _file(target: CameraTarget, clock: Clock) -> Connect:
-    from sensors.cameras.video import PlayedLink, file_pictures
+    from sensors.cameras.video import PlayedCameraLink, file_pictures
 
     path = Path(target.text)
     with open_video(path) as container:
@@ -95,15 +95,15 @@ def _file(target: CameraTarget, clock: Clock) -> Connect:
             f"--eyes: expected both eyes side by side in {path}, got {width} x {height}; add "
             f"#eye=left or #eye=right, or give two"
         )
-    return lambda: PlayedLink(file_pictures(path), clock)
+    return lambda: PlayedCameraLink(file_pictures(path), clock)
 
 
 def _session(target: CameraTarget, clock: Clock) -> Connect:
-    from sensors.cameras.video import PlayedLink, session_pictures
+    from sensors.cameras.video import PlayedCameraLink, session_pictures
 
     path = Path(target.text)
     Recording(path).close()
-    return lambda: PlayedLink(session_pictures(path), clock)
+    return lambda: PlayedCameraLink(session_pictures(path), clock)
 
 
 SCHEMES: dict[str, Entry] = {

@@ -55,7 +55,7 @@ class DriverLink:
         self._container.close()
 
 
-class PlayedLink:
+class PlayedCameraLink:
     """Pictures that were recorded, at their own pace and over and over."""
 
     def __init__(self, pictures: Iterator[tuple[int, NDArray[np.uint8]]], clock: Clock) -> None:

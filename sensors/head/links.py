@@ -93,7 +93,7 @@ class UdpLink:
                 self._packets.append(packet)
 
 
-class PlayedLink:
+class PlayedHeadLink:
     """Recorded poses, played at their pace from the moment of opening, over and over."""
 
     def __init__(self, packets: Sequence[HeadPacket], clock: Clock) -> None:

@@ -7,7 +7,7 @@ from urllib.parse import urlsplit
 
 from sensors.head import livelink, vmc
 from sensors.head.gate import Gate
-from sensors.head.links import Decode, PlayedLink, UdpLink
+from sensors.head.links import Decode, PlayedHeadLink, UdpLink
 from sensors.head.source import HeadSource, Link
 from sensors.types import Clock, HeadPacket, InputError
 
@@ -80,7 +80,7 @@ def _file(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
 def _played(spec: str, poses: list[HeadPacket], clock: Clock) -> Callable[[], Link]:
     if not poses:
         raise InputError(f"--head: expected poses of a head, got none in {spec}; choose another")
-    return lambda: PlayedLink(poses, clock)
+    return lambda: PlayedHeadLink(poses, clock)
 
 
 SCHEMES = {

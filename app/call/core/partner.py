@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from app.call.media.face import end_of, note
 from app.call.media.timeline import Timeline
-from app.call.media.voice import Decoder, VoiceTrack
+from app.call.media.voice import VoiceDecoder, VoiceTrack
 from app.call.wire.agreement import Hello
 from app.call.wire.packet import MalformedError, Packer, Tick
 from app.call.wire.seal import Keyring, SealError
@@ -51,7 +51,7 @@ class PartnerCounts:
 class Partner:
     """Lives as long as the call; comes and goes."""
 
-    def __init__(self, identity: str, keys: Keyring, packer: Packer, decoder: Decoder) -> None:
+    def __init__(self, identity: str, keys: Keyring, packer: Packer, decoder: VoiceDecoder) -> None:
         self.identity = identity
         self.hello: Hello | None = None
         self.counts = PartnerCounts()

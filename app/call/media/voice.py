@@ -24,7 +24,7 @@ GONE = 50  # packets missing in a row: the partner is not late but away
 SPEECH_RMS = 0.01
 
 
-class Decoder(Protocol):
+class VoiceDecoder(Protocol):
     def decode(self, payload: bytes) -> Sound: ...
     def recover(self, following: bytes) -> Sound: ...
     def conceal(self) -> Sound: ...
@@ -44,7 +44,7 @@ class VoiceCounts:
 class VoiceTrack:
     """Push packets as they come, pull samples as they are due."""
 
-    def __init__(self, timeline: Timeline, decoder: Decoder) -> None:
+    def __init__(self, timeline: Timeline, decoder: VoiceDecoder) -> None:
         import soxr
 
         self._soxr = soxr

@@ -13,7 +13,7 @@ HEADERS = 28  # bytes of IP and UDP, counted with every packet
 
 
 @dataclass(frozen=True, kw_only=True)
-class Line:
+class LossyLine:
     name: str
     delay_ms: float = 0.0
     jitter_ms: float = 0.0
@@ -22,17 +22,17 @@ class Line:
 
 
 LINES = (
-    Line(name="clean"),
-    Line(name="20+-5 ms, 1 % loss", delay_ms=20, jitter_ms=5, loss=0.01),
-    Line(name="40+-20 ms, 5 % loss", delay_ms=40, jitter_ms=20, loss=0.05),
-    Line(name="10 % loss in bursts", delay_ms=20, jitter_ms=5, loss=0.10, burst=3),
+    LossyLine(name="clean"),
+    LossyLine(name="20+-5 ms, 1 % loss", delay_ms=20, jitter_ms=5, loss=0.01),
+    LossyLine(name="40+-20 ms, 5 % loss", delay_ms=40, jitter_ms=20, loss=0.05),
+    LossyLine(name="10 % loss in bursts", delay_ms=20, jitter_ms=5, loss=0.10, burst=3),
 )
 
 
 class Leg(asyncio.DatagramProtocol):
     """One end's way into the line."""
 
-    def __init__(self, line: Line, chance: random.Random) -> None:
+    def __init__(self, line: LossyLine, chance: random.Random) -> None:
         self.sent = self.lost = self.bytes = 0
         self.other: Leg | None = None
         self.near: tuple[str, int] | None = None  # who sends here, once it has
@@ -80,7 +80,7 @@ class Leg(asyncio.DatagramProtocol):
         return self._bad
 
 
-async def open_line(line: Line, seed: int, address: str = "127.0.0.1") -> tuple[Leg, Leg]:
+async def open_line(line: LossyLine, seed: int, address: str = "127.0.0.1") -> tuple[Leg, Leg]:
     """Two legs; each end sends to its own."""
     loop, legs = asyncio.get_running_loop(), []
     for side in range(2):

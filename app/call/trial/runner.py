@@ -14,14 +14,14 @@ import numpy as np
 from app.call.trial import judge
 from app.call.trial.end import WARM_UP_S, EndSettings
 from app.call.trial.material import Material
-from app.call.trial.relay import Leg, Line, open_line
+from app.call.trial.relay import Leg, LossyLine, open_line
 from app.terminal.thresholds import at_most
 
 PATIENCE_S = 60.0  # beyond the call itself, for a busy machine
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bar:
+class Limits:
     delay_ms: float
     concealed: float
     held: float
@@ -29,16 +29,16 @@ class Bar:
 
 
 BARS = {
-    "clean": Bar(delay_ms=45, concealed=0, held=0, lips_ms=5),
-    "20+-5 ms, 1 % loss": Bar(delay_ms=75, concealed=0.005, held=0.005, lips_ms=10),
-    "40+-20 ms, 5 % loss": Bar(delay_ms=130, concealed=0.01, held=0.01, lips_ms=20),
-    "10 % loss in bursts": Bar(delay_ms=160, concealed=0.12, held=0.10, lips_ms=20),
+    "clean": Limits(delay_ms=45, concealed=0, held=0, lips_ms=5),
+    "20+-5 ms, 1 % loss": Limits(delay_ms=75, concealed=0.005, held=0.005, lips_ms=10),
+    "40+-20 ms, 5 % loss": Limits(delay_ms=130, concealed=0.01, held=0.01, lips_ms=20),
+    "10 % loss in bursts": Limits(delay_ms=160, concealed=0.12, held=0.10, lips_ms=20),
 }
 KBPS, CPU_SHARE, LIPS_MM = 160.0, 0.15, 0.05
 
 
 def run_ends(
-    line: Line, material: Material, seconds: float, seed: int
+    line: LossyLine, material: Material, seconds: float, seed: int
 ) -> tuple[judge.Found, judge.Found, float]:
     """Both ends talk over `line` for so long; what each found, and kb/s of the busier."""
     with tempfile.TemporaryDirectory() as folder:
@@ -50,7 +50,7 @@ def run_ends(
     return ann, ben, kbps
 
 
-def run_line(line: Line, material: Material, seconds: float, seed: int) -> dict[str, float]:
+def run_line(line: LossyLine, material: Material, seconds: float, seed: int) -> dict[str, float]:
     """What became of a call over `line`, the worse end of two."""
     ann, ben, kbps = run_ends(line, material, seconds, seed)
     rows = [_judge(*pair, material) for pair in ((ann, ben), (ben, ann))]
@@ -58,7 +58,7 @@ def run_line(line: Line, material: Material, seconds: float, seed: int) -> dict[
 
 
 def metrics_of(
-    line: Line, found: dict[str, float]
+    line: LossyLine, found: dict[str, float]
 ) -> tuple[dict[str, float], list[dict[str, Any]]]:
     """The report's `metrics` and `bars` of one line."""
     bar = BARS[line.name]
@@ -95,7 +95,7 @@ def _judge(here: judge.Found, there: judge.Found, material: Material) -> dict[st
 
 
 async def _run(
-    line: Line, files: Sequence[Path], seconds: float, seed: int, ticks: int
+    line: LossyLine, files: Sequence[Path], seconds: float, seed: int, ticks: int
 ) -> tuple[Leg, Leg]:
     legs = await open_line(line, seed)
     common = {"material": str(files[0]), "seconds": seconds}

@@ -24,9 +24,9 @@ OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
 def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
     """What the routine gives for a clip's wearer."""
     from encoder.eyes.encoder import new_encoder_state
-    from encoder.eyes.routine import SETTLE, Take, fit
+    from encoder.eyes.routine import SETTLE, TargetSamples, fit
 
-    takes: list[Take] = []
+    takes: list[TargetSamples] = []
     state = new_encoder_state()
     for target, pictures in clip.routine:
         rows, state = read(encoder, pictures, state)
@@ -39,7 +39,7 @@ def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
         before = np.repeat(gaze[:1], SETTLE, 0)
         gaze, relative = (np.concatenate([before, rows]) for rows in (gaze, relative))
         lids = np.concatenate([unseen.astype(np.float32), lids])
-        takes.append(Take(target, gaze, relative, lids, good))
+        takes.append(TargetSamples(target, gaze, relative, lids, good))
     return fit(takes)[0]
 
 

@@ -19,7 +19,7 @@ from app.call.rooms.janus import JanusRoom
 from app.call.rooms.janus_server import ServerSettings
 from app.call.rooms.room import LineSettings
 from app.call.trial.material import synthetic_material
-from app.call.trial.relay import Leg, Line, open_line
+from app.call.trial.relay import Leg, LossyLine, open_line
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite
 from app.call.wire.packet import Tick
@@ -89,7 +89,7 @@ async def lossy_leg(loss: float) -> LineSettings:
 
     async def reroute(host: str, port: int) -> tuple[str, int]:
         if (host, port) not in legs:
-            near, far = await open_line(Line(name="leg", loss=loss), 1, HOST)
+            near, far = await open_line(LossyLine(name="leg", loss=loss), 1, HOST)
             far.near = (host, port)
             legs[host, port] = near, far
         return HOST, legs[host, port][0].port

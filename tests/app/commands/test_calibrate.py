@@ -15,7 +15,7 @@ from app.drive.eye_routine import collect
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.encoder import EyeReading
 from encoder.eyes.format import unit
-from encoder.eyes.routine import ROUTINE, Take
+from encoder.eyes.routine import ROUTINE, TargetSamples
 from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.session.recording import RecordingWriter
@@ -107,12 +107,14 @@ def test_a_calibration_can_be_taken_back(tmp_path: Path) -> None:
     assert {f.stat().st_mode & 0o777 for f in tmp_path.iterdir()} == {0o600}
 
 
-def wandering(seed: int) -> list[Take]:
-    rng, rows = np.random.default_rng(seed), list[Take]()
+def wandering(seed: int) -> list[TargetSamples]:
+    rng, rows = np.random.default_rng(seed), list[TargetSamples]()
     for target in ROUTINE:
         frames = int(target.seconds * 30)
         gaze = np.tile(unit(rng.uniform(-0.4, 0.4, 2)), (frames, 2, 1))
-        rows.append(Take(target, gaze, gaze, np.ones((frames, 2)), np.ones((frames, 2), bool)))
+        rows.append(
+            TargetSamples(target, gaze, gaze, np.ones((frames, 2)), np.ones((frames, 2), bool))
+        )
     return rows
 
 

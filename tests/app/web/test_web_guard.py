@@ -166,7 +166,7 @@ def test_the_door_opens_again_after_too_many_open_files() -> None:
         with monkey.context() as patch:
             patch.setattr(guard.asyncio, "get_running_loop", lambda: full)
             patch.setattr(guard, "FULL_S", 0.0)
-            door = guard.Doorman(SimpleNamespace(connections=()), None)  # type: ignore[arg-type]
+            door = guard.ConnectionLimiter(SimpleNamespace(connections=()), None)  # type: ignore[arg-type]
             with pytest.raises(asyncio.CancelledError):
                 await door.work(None)
             assert door.refused == 2

@@ -10,14 +10,14 @@ import pytest
 
 from encoder.eyes.calibration import MAX_SHIFT, EyeCalibration
 from encoder.eyes.format import unit
-from encoder.eyes.routine import ROUTINE, EyeFit, Take, fit
+from encoder.eyes.routine import ROUTINE, EyeFit, TargetSamples, fit
 from sensors.types import InputError
 
 
 def takes(
     gain: float = 0.85, shift: float = 0.06, noise: float = 0.01, shut: float = 0.25,
     wide: float = 0.8, seed: int = 0,
-) -> list[Take]:  # fmt: skip
+) -> list[TargetSamples]:  # fmt: skip
     """What an encoder says of a person whose gaze it sees too small and beside."""
     rng, result = np.random.default_rng(seed), []
     for target in ROUTINE:
@@ -31,7 +31,7 @@ def takes(
             lids[12:] = shut
         lids = lids + rng.normal(0, 0.02, lids.shape)
         good = np.ones((frames, 2), bool)
-        result.append(Take(target, guess, unit(gaze), lids.astype(np.float32), good))
+        result.append(TargetSamples(target, guess, unit(gaze), lids.astype(np.float32), good))
     return result
 
 
@@ -41,7 +41,7 @@ def refusals(fits: tuple[EyeFit, ...]) -> list[str]:
     ]
 
 
-def error(calibration: EyeCalibration, rows: list[Take]) -> float:
+def error(calibration: EyeCalibration, rows: list[TargetSamples]) -> float:
     gaps = []
     for take in rows:
         if take.target.name == "look":
@@ -68,14 +68,16 @@ def test_undoes_a_persons_map() -> None:
 def test_refuses_what_does_not_help() -> None:
     rng = np.random.default_rng(0)
     wild = [
-        Take(t.target, t.gaze, unit(rng.normal(0, 0.4, t.gaze.shape[:2] + (2,))), t.lids, t.good)
+        TargetSamples(
+            t.target, t.gaze, unit(rng.normal(0, 0.4, t.gaze.shape[:2] + (2,))), t.lids, t.good
+        )
         for t in takes(shut=0.7)
     ]
     calibration, fits = fit(wild)
     lids = [words for words in refusals(fits) if words.startswith("lid")]
     assert len(lids) == 2 and calibration.shut == (0.0, 0.0) and calibration.open == (1.0, 1.0)
     far = [
-        Take(t.target, t.gaze, unit(t.relative[..., :2] * -1.0 + 0.5), t.lids, t.good)
+        TargetSamples(t.target, t.gaze, unit(t.relative[..., :2] * -1.0 + 0.5), t.lids, t.good)
         for t in takes()
     ]
     calibration, fits = fit(far)
@@ -84,7 +86,7 @@ def test_refuses_what_does_not_help() -> None:
 
 def test_an_eye_that_was_not_seen_stays_as_it_is() -> None:
     blind = np.array([True, False])
-    rows = [Take(t.target, t.gaze, t.relative, t.lids, t.good & blind) for t in takes()]
+    rows = [TargetSamples(t.target, t.gaze, t.relative, t.lids, t.good & blind) for t in takes()]
     calibration, fits = fit(rows)
     identity = EyeCalibration()
     assert calibration.matrix[1] == identity.matrix[1] and calibration.shut[1] == 0
@@ -108,7 +110,7 @@ def test_a_good_guess_is_kept_where_the_fit_is_worse() -> None:
 
 
 def test_only_what_was_seen_of_arrived_eyes_counts() -> None:
-    rng, wild = np.random.default_rng(1), list[Take]()
+    rng, wild = np.random.default_rng(1), list[TargetSamples]()
     for take in takes():
         good = take.good.copy()
         good[15:33] = False  # most of what is left
@@ -137,7 +139,7 @@ def test_eyes_that_did_not_follow_are_told(what: str) -> None:
     """Red before: a recording in which nobody followed wrote a crossed matrix."""
     written = 0
     for seed in range(40):
-        rng, rows = np.random.default_rng(seed), list[Take]()
+        rng, rows = np.random.default_rng(seed), list[TargetSamples]()
         order = rng.permutation(5) if what == "elsewhere" else np.arange(5)
         while what == "elsewhere" and np.sum(order == np.arange(5)) > 1:
             order = rng.permutation(5)

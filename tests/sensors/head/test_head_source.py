@@ -12,7 +12,7 @@ from sensors.assemble import HEAD_TOLERANCE_NS, Assembler
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.head import vmc
 from sensors.head.gate import Counts, Gate
-from sensors.head.links import PlayedLink, UdpLink
+from sensors.head.links import PlayedHeadLink, UdpLink
 from sensors.head.source import LOST, WAITING, HeadSource
 from sensors.head.spec import SCHEMES, head_source
 from sensors.session.recording import Recording, RecordingWriter
@@ -68,7 +68,7 @@ def _taken(port: int, gate: Gate):  # type: ignore[no-untyped-def]
 
 def test_a_silent_tracker_is_lost() -> None:
     clock = ManualClock()
-    source = HeadSource("test", lambda: PlayedLink(packets(2)[:1], ManualClock()), clock)
+    source = HeadSource("test", lambda: PlayedHeadLink(packets(2)[:1], ManualClock()), clock)
     source.open()
     assert len(source.poll()) == 1 and source.problem == ""
     clock.sleep_until_ns(NS)
@@ -77,7 +77,7 @@ def test_a_silent_tracker_is_lost() -> None:
 
 def test_played_poses_keep_their_pace_and_go_round() -> None:
     clock = ManualClock()
-    link = PlayedLink(packets(3), clock)
+    link = PlayedHeadLink(packets(3), clock)
     assert link.counts == Counts()
     clock.sleep_until_ns(NS)
     link.open()

@@ -218,7 +218,7 @@ def test_writer_refuses_bad_use(tmp_path: Path) -> None:
 
 
 def test_recording_two_eyes_and_sound_leaves_time_to_spare(tmp_path: Path) -> None:
-    """FACTS: 17-20 % of a core. The limit only catches a broken encoder setting."""
+    """It takes 17-20 % of a core. The limit only catches a broken encoder setting."""
     sent = packets(1.0)
     start = time.process_time()
     with RecordingWriter(tmp_path / "s", created="") as writer:
