@@ -30,7 +30,8 @@ CREATING = os.O_WRONLY | os.O_CREAT | os.O_EXCL | NO_LINK | getattr(os, "O_BINAR
 MAX_JSON = 16 << 20  # bytes; an hour of timeline is 20 MB, but is read line by line
 NOT_WHOLE = (
     *(zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError),
-    *(tokenize.TokenError, SyntaxError),  # an array's header
+    *(tokenize.TokenError, SyntaxError, OverflowError, TypeError),  # an array's header
+    RuntimeError,  # an encrypted entry
 )
 MAX_ARRAYS = 1 << 29  # bytes that an npz file may unpack to
 PRIVATE, SHARED = 0o600, 0o666  # before the user's umask

@@ -73,7 +73,7 @@ class EyeCalibration:
                 arrays[name].shape == shape and np.isfinite(arrays[name]).all()
                 for name, shape in shapes.items()
             )
-        except (KeyError, TypeError, ValueError):
+        except (KeyError, TypeError, ValueError, OverflowError):
             good, arrays = False, {}
         if not good or (arrays["open"] - arrays["shut"]).min() <= 0:
             raise InputError(

@@ -171,7 +171,7 @@ def read_timeline(folder: Path, *, closed: bool) -> list[Entry]:
                 break
             try:
                 entries.append(_entry(files.parse_json(line)))
-            except (ValueError, KeyError, TypeError) as error:
+            except (ValueError, KeyError, TypeError, OverflowError) as error:
                 raise InputError(
                     f"{path}: expected one packet a line, got a bad line {number} "
                     f"({type(error).__name__}: {error}); restore the file"

@@ -13,7 +13,8 @@ from sensors.types import InputError
 
 
 def card(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
-    """Session cards with an eye calibration, and eye calibrations of a profile."""
+    """Session cards with an eye calibration, eye calibrations and gains of a profile."""
+    from app.sinks.protocols.face import read_gains
     from encoder.eyes.calibration import EyeCalibration
     from sensors.session import format as session_format
 
@@ -21,12 +22,16 @@ def card(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     made = session_format.new_card("2026", {"audio": "mic"}, {"eyes": eyes}, "ffv1", "PCM_16")
     text, path = json.dumps(made).encode(), folder / session_format.CARD_FILE
     profile, own = json.dumps(eyes).encode(), folder / "eyes.json"
+    gains = json.dumps({"jawOpen": {"gain": 1.4, "low": 0, "high": 0.9}}).encode()
+    readers = ((profile, own, EyeCalibration.load), (gains, folder / "gains.json", read_gains))
 
     def feed() -> None:
         with suppress(InputError):
-            if fuzzer.pick(2):
-                own.write_bytes(fuzzer.mutate(profile))
-                EyeCalibration.load(own)
+            kind = fuzzer.pick(3)
+            if kind < len(readers):
+                data, file, read = readers[kind]
+                file.write_bytes(fuzzer.mutate(data))
+                read(file)
             else:
                 path.write_bytes(fuzzer.mutate(text))
                 session_format.read_card(folder)

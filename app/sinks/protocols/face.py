@@ -20,6 +20,7 @@ from render.decoder.decoder import Decoder
 from sensors import files
 from sensors.types import HeadPose, InputError
 
+LARGEST = 1000.0  # gain or limit
 NEUTRAL = {"gain": 1.0, "low": 0.0, "high": 1.0}
 
 
@@ -80,10 +81,11 @@ def read_gains(path: Path) -> tuple[NDArray[np.float32], ...]:
                 f"try {json.dumps({name: NEUTRAL})}"
             )
         limits: dict[str, Any] = NEUTRAL | wanted
-        numbers = all(isinstance(v, int | float) and np.isfinite(v) for v in limits.values())
+        numbers = all(isinstance(v, int | float) and abs(v) <= LARGEST for v in limits.values())
         if not numbers or limits["low"] > limits["high"]:
             raise InputError(
-                f"{path}: {name}: expected finite numbers with low <= high, got {limits}; mend it"
+                f"{path}: {name}: expected numbers up to {LARGEST:g} with low <= high, got "
+                f"{str(limits)[:80]}; mend it"
             )
         for key, value in limits.items():
             columns[key][ARKIT_NAMES.index(name)] = value

@@ -15,9 +15,12 @@ from app.bench.fuzz import chunk, run, targets
 from app.bench.fuzz.chunk import Chunk, run_chunk
 from app.bench.fuzz.fuzzer import Fuzzer
 from app.bench.fuzz.run import measure_fuzz
+from app.sinks.protocols.face import read_gains
+from encoder.eyes.calibration import EyeCalibration
 from render.avatars import ply, scan
 from render.decoder.learned import weights_file
 from sensors import files
+from sensors.session import format as session_format
 from sensors.types import InputError
 
 
@@ -106,6 +109,47 @@ def test_an_npz_whose_arrays_are_none_is_refused(tmp_path: Path) -> None:
     cut = whole.getvalue().replace(b"(3,)", b"(3, ")
     with pytest.raises(ValueError, match="no whole npz"):
         files.load_npz(archive(tmp_path / "b.npz", cut))
+
+
+HUGE = "1" + "0" * 400  # a whole number that no float holds
+
+
+def test_numbers_too_large_for_a_float_are_refused(tmp_path: Path) -> None:
+    """Found by the fuzz: OverflowError."""
+    (tmp_path / "timeline.jsonl").write_text(
+        f'{{"stream":"head","t_ns":0,"position":[{HUGE},0,0],"quat":[1,0,0,0],"valid":true}}\n'
+    )
+    with pytest.raises(InputError, match="bad line 1"):
+        session_format.read_timeline(tmp_path, closed=True)
+    (tmp_path / "gains.json").write_text(f'{{"jawOpen": {{"gain": {HUGE}}}}}')
+    with pytest.raises(InputError, match="numbers up to 1000"):
+        read_gains(tmp_path / "gains.json")
+    words = json.dumps(EyeCalibration().to_json()).replace("1.0", HUGE, 1)
+    (tmp_path / "eyes.json").write_text(words)
+    with pytest.raises(InputError, match="run `livedrive calibrate` again"):
+        EyeCalibration.load(tmp_path / "eyes.json")
+
+
+@pytest.mark.parametrize("descr", ["'<f8'", "b'<f8'"])
+def test_npz_headers_that_numpy_stumbles_over_are_refused(tmp_path: Path, descr: str) -> None:
+    """Found by the fuzz: OverflowError, TypeError."""
+    shape = f"({HUGE},)" if descr == "'<f8'" else "(3,)"
+    name = "'shape'" if descr == "'<f8'" else "b'shape'"
+    header = f"{{'descr': {descr}, 'fortran_order': False, {name}: {shape}, }}".encode()
+    data = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24)
+    with pytest.raises(ValueError):
+        files.load_npz(archive(tmp_path / "a.npz", data))
+
+
+def test_an_encrypted_npz_is_refused(tmp_path: Path) -> None:
+    """Found by the fuzz: RuntimeError."""
+    path = archive(tmp_path / "a.npz", b"12345678")
+    data = bytearray(path.read_bytes())
+    data[6] |= 1  # the entry's flags, and those of the directory
+    data[data.index(b"PK\x01\x02") + 8] |= 1
+    path.write_bytes(bytes(data))
+    with pytest.raises(ValueError, match="encrypted"):
+        files.load_npz(path)
 
 
 @pytest.mark.parametrize("odd", ["doubled", "count"])
