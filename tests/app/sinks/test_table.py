@@ -1,5 +1,6 @@
 """One row a scheme: what is known is opened, what is not is refused with the known named."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -35,8 +36,10 @@ def test_datagrams_of_all_targets_share_one_thread(decoder: Decoder) -> None:
     sink.close()
 
 
-def test_help_and_readme_name_every_scheme() -> None:
+def test_help_names_every_scheme_and_readme_none_that_there_is_not() -> None:
     readme = (Path(__file__).parents[3] / "README.md").read_text()
-    for name, entry in SCHEMES.items():
-        assert entry.example in HELP and f"{name}://" in readme
+    named = re.findall(r"^\| `(\w+)://", readme, re.M)
+    assert len(named) >= 4 and set(named) <= set(SCHEMES)
+    assert "`livedrive run -h` lists all" in readme
+    assert all(entry.example in HELP for entry in SCHEMES.values())
     assert DriveOptions(send=("vmc://h",)).settings(realtime=False, draw=False, title="").network
