@@ -14,7 +14,8 @@ class Train:
     """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
 
     Order: audio, diffusion, distill, contact (shuts the student's lips); then gaze (a graph), eyes,
-    multimodal; emotion. On several GPUs or machines start it with torchrun.
+    multimodal; emotion; listen (the whole chain hears phones too), and contact again. On several
+    GPUs or machines start it with torchrun.
     """
 
     stage: Positional[Stage]
@@ -25,15 +26,18 @@ class Train:
     out or jitter not normalised; emotion by `fine-tune` of every weight without L_lip, or with
     it, or without L_lip alone."""
     leave_out: tuple[str, ...] = ()
-    """diffusion, distill: talkers whose motion is not learned from, e.g. grid-s2; weights go to
-    DATA/leave_out, where `eval speech --leave-one-out` finds them."""
+    """diffusion, distill, listen, contact: talkers whose motion is not learned from, e.g. grid-s2;
+    weights go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
     teacher: Path | None = None
     """audio: the viseme network's ONNX file, which teaches of voices without text."""
+    phones: Path | None = None
+    """listen: folder of the phonetic encoder, which `train audio --out` wrote there."""
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None
-    """Folder with weights of the same shapes to start from; contact and emotion: with the student
-    to extend; emotion: and with convolutions to go on from where it has some."""
+    """Folder with weights of the same shapes to start from; listen: with the chain to extend;
+    contact and emotion: with the student to extend; emotion: and with convolutions to go on from
+    where it has some."""
     steps: int | None = None
     """Instead of the preset's."""
     face: Path = Path("face")
@@ -69,6 +73,7 @@ class Train:
                 variant=self.variant,
                 leave_out=self.leave_out,
                 teacher=self.teacher,
+                phones=self.phones,
                 resume=self.resume,
                 start=self.start,
                 steps=self.steps,

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Literal
 
 Stage = Literal[
-    "prior", "audio", "diffusion", "distill", "contact", "regression", "gaze", "eyes", "wide-eyes",
-    "multimodal", "emotion",
+    "prior", "audio", "diffusion", "distill", "listen", "contact", "regression", "gaze", "eyes",
+    "wide-eyes", "multimodal", "emotion",
 ]  # fmt: skip
 Variant = Literal[
     "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
@@ -24,6 +24,7 @@ class TrainSettings:
     variant: Variant = "none"  # an ablation of the paper
     leave_out: tuple[str, ...] = ()  # talkers whose motion is not learned from
     teacher: Path | None = None  # of the audio stage: the viseme network's ONNX file
+    phones: Path | None = None  # of the stage listen: folder of the phonetic encoder
     resume: bool = False
     start: Path | None = None  # folder with weights to start from
     steps: int | None = None  # instead of the preset's

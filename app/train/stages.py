@@ -27,6 +27,7 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "fine-tune-lip": {"emotion": {"fine_tune": True, "rate": 5e-4}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
+LEAVING_OUT = ("diffusion", "distill", "listen", "contact")
 
 
 def run_stage(settings: TrainSettings) -> None:
@@ -76,10 +77,15 @@ def _run_motion(
     from app.face.losses import face
     from encoder.training.stages import contact, diffusion, distill
 
+    if settings.stage == "listen":
+        _run_listen(settings, folder, run)
+        return
     streams = _streams(settings, folder)
     if settings.stage == "contact":
         weights, name = _weights(settings), "student"
-        if settings.variant != "none":  # on the regression that this variant trained
+        if settings.leave_out:
+            weights = folder
+        elif settings.variant != "none":  # on the regression that this variant trained
             weights, name = folder, "regression"
         config = contact.preset(
             settings.preset, streams=streams, student=(settings.start or weights) / name,
@@ -111,6 +117,29 @@ def _run_motion(
     diffusion.run(config, face())
 
 
+def _run_listen(settings: TrainSettings, folder: Path, run: "RunSettings") -> None:
+    from app.face.losses import face
+    from encoder.training.stages import listen
+
+    if settings.start is None or settings.phones is None:
+        raise InputError(
+            "train listen: expected a chain and a phonetic encoder, got not both; give "
+            "--start FOLDER --phones FOLDER"
+        )
+    config = listen.preset(
+        settings.preset,
+        pack=settings.data,
+        phones=settings.phones / "audio",
+        old=settings.start,
+        pair=_weights(settings) / "audio",
+        output=folder if settings.leave_out else _weights(settings),
+        seed=settings.seed,
+        note=run.note,
+        without=settings.leave_out,
+    )
+    listen.run(config, face())
+
+
 def _overrides(settings: TrainSettings) -> dict[str, Any]:
     """What the variant and the options change of the stage's preset."""
     stages = VARIANTS[settings.variant]
@@ -123,13 +152,13 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
     if settings.steps is not None:
         overrides["steps"] = settings.steps
     if settings.leave_out:
-        if settings.stage not in ("diffusion", "distill"):
+        if settings.stage not in LEAVING_OUT:
             raise InputError(
-                f"--leave-out: expected the stage diffusion or distill, got {settings.stage}; "
-                "leave it away"
+                f"--leave-out: expected one of the stages {', '.join(LEAVING_OUT)}, got "
+                f"{settings.stage}; leave it away"
             )
         overrides["without"] = settings.leave_out
-    if settings.start is not None and settings.stage not in ("emotion", "contact"):
+    if settings.start is not None and settings.stage not in ("emotion", "contact", "listen"):
         names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
         overrides["start"] = settings.start / names.get(settings.stage, "regression")
     return overrides

@@ -6,11 +6,14 @@ Shared by the torch module (encoder.py) and its live twin (graph.py).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from fractions import Fraction
 from math import exp, prod
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
+
+from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME
 
 Doubles = NDArray[np.float64]
 Layer = tuple[int, int, int]  # width, kernel, stride
@@ -74,6 +77,8 @@ class AudioEncoderConfig:
     context: tuple[tuple[int, int], ...] = tuple((3, 2**i) for i in range(6))  # kernel, dilation
     feature_dim: int = 128  # 0: no projection, features are as wide as the last layer
     first_norm: Literal["running", "frozen"] = "running"  # all other layers are always frozen
+    past_ticks: int = 0  # ticks before the newest whose mean features are heard with it
+    second: AudioEncoderConfig | None = None  # another one beside it, whose features follow
     norm_seconds: float = 4.0  # time constant of the running statistics, and weight of their prior
     norm_floor: float = 0.03  # share of the prior's variance that silence cannot fall below
 
@@ -90,6 +95,23 @@ class AudioEncoderConfig:
     def width(self) -> int:
         return self.feature_dim or self.layers[-1][0]
 
+    @property
+    def features_a_tick(self) -> int:
+        """0: not a whole number, they are interpolated."""
+        samples = Fraction(SAMPLES_PER_FRAME * self.sample_rate, SAMPLE_RATE * self.stride)
+        return int(samples) if samples.denominator == 1 else 0
+
+    @property
+    def parts(self) -> tuple[tuple[int, int], ...]:
+        """(width, past ticks) of the features' parts: its own, the second's."""
+        own = (self.width, self.past_ticks)
+        return (own, *self.second.parts) if self.second else (own,)
+
+    @property
+    def frame_width(self) -> int:
+        """Numbers of a tick's audio_features."""
+        return sum(width * (self.features_a_tick + past or 1) for width, past in self.parts)
+
 
 PRESETS = {
     "debug": AudioEncoderConfig(
@@ -100,10 +122,11 @@ PRESETS = {
     "phonetic": AudioEncoderConfig(
         kind="phonetic",
         bands=60,
-        layers=((192, 3, 1),),
-        context=tuple((3, dilation) for dilation in (1, 2, 4, 8, 16, 32, 1, 4)),
+        layers=((160, 3, 1),),
+        context=tuple((3, dilation) for dilation in (1, 2, 4, 8, 16, 32, 1)),
         feature_dim=59,
         first_norm="frozen",
+        past_ticks=8,
     ),
     "phonetic-debug": AudioEncoderConfig(
         kind="phonetic",
@@ -112,6 +135,7 @@ PRESETS = {
         context=((3, 1), (3, 4)),
         feature_dim=59,
         first_norm="frozen",
+        past_ticks=8,
     ),
     "paper": AudioEncoderConfig(
         kind="wav2vec-large",
@@ -126,9 +150,14 @@ PRESETS = {
 }  # fmt: skip
 
 
+SECOND = "second."  # how the names of the second encoder's tensors and states begin
+
+
 def weight_shapes(config: AudioEncoderConfig) -> dict[str, tuple[int, ...]]:
     """Names and shapes of `AudioEncoder`'s tensors."""
     channels, shapes = config.bands or 1, dict[str, tuple[int, ...]]()
+    if config.second:
+        shapes |= {SECOND + name: shape for name, shape in weight_shapes(config.second).items()}
 
     def frozen_norm(name: str, width: int) -> None:
         for part in ("weight", "bias", "running_mean", "running_var"):

@@ -1,13 +1,13 @@
 """Raw waveform -> audio features, zero lookahead (paper section 4.3, appendix "audio encoders").
 
-One network form, three kinds. `phonetic` hears log spectra at 24 kHz (spectrum.py) and says which
-phone and viseme sounds, as log-odds, with voicing, pitch and loudness: 59 numbers, four times a
-30 FPS tick. So narrow a passage lets what is said through and little of who says it. In the others
-strided causal convolutions shorten the waveform: `compact`, of the shipped weights, at 24 kHz
+One network form, three kinds, alone or two side by side. `phonetic` hears log spectra at 24 kHz
+(spectrum.py) and says which phone and viseme sounds, as log-odds, with voicing, pitch and loudness:
+59 numbers, four times a 30 FPS tick. So narrow a passage lets what is said through and little of
+who says it. In the others strided causal convolutions shorten the waveform: `compact`, at 24 kHz
 (four features of 128 a tick), `wav2vec-large` at 16 kHz in the shape of the fairseq model, so that
-its weights can be imported. There loudness is normalised over the whole clip, which is not causal:
-here the first layer divides by running statistics of the past (the config states this), all other
-layers by frozen ones.
+its weights can be imported. The shipped encoder is `compact` with `phonetic` as its second. In
+wav2vec loudness is normalised over the whole clip, which is not causal: here the first layer
+divides by running statistics of the past (the config states this), all other layers by frozen ones.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from encoder.audio.config import AudioEncoderConfig
+from encoder.audio.config import SECOND, AudioEncoderConfig
 from encoder.audio.spectrum import Spectrum, running_mean
 from encoder.nn.streaming import CausalConv, State
 
@@ -90,6 +90,8 @@ class AudioEncoder(nn.Module):
         )
         self.context_norms = nn.ModuleList(FrozenNorm(last) for _ in config.context)
         self.project = nn.Linear(last, config.feature_dim) if config.feature_dim else nn.Identity()
+        self.second = AudioEncoder(config.second) if config.second else None
+        assert not config.second or config.second.stride == config.stride
 
     def layers(self) -> list[tuple[CausalConv, RunningNorm | FrozenNorm]]:
         """Every convolution with its norm, in the order of the flow: strided ones, then context."""
@@ -102,12 +104,25 @@ class AudioEncoder(nn.Module):
         first = self.layers()[0][1]
         if isinstance(first, RunningNorm):
             state["statistics"] = first.init_statistics(batch)
+        if self.second:
+            state |= {SECOND + k: v for k, v in self.second.init_state(batch).items()}
         return state | (self.spectrum.init_state(batch) if self.spectrum else {})
 
     def step(self, x: Tensor, state: State) -> tuple[Tensor, State]:
-        """x [B, T, 1] with T a multiple of the stride -> features [B, T / stride, width]."""
+        """x [B, T, 1] with T a multiple of the stride -> features [B, T / stride, widths]."""
         if x.shape[1] == 0:
-            return x.new_zeros(x.shape[0], 0, self.config.width), state
+            return x.new_zeros(x.shape[0], 0, sum(w for w, _ in self.config.parts)), state
+        if self.second:
+            theirs = {k: v for k, v in state.items() if k.startswith(SECOND)}
+            own, after = self.alone(x, {k: v for k, v in state.items() if k not in theirs})
+            theirs = {k.removeprefix(SECOND): v for k, v in theirs.items()}
+            other, heard = self.second.step(x, theirs)
+            after |= {SECOND + k: v for k, v in heard.items()}
+            return torch.cat([own, other], -1), after
+        return self.alone(x, state)
+
+    def alone(self, x: Tensor, state: State) -> tuple[Tensor, State]:
+        """`step` without the second encoder."""
         state = dict(state)
         if self.spectrum:
             x, heard = self.spectrum.step(x, state)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from encoder.audio.config import SECOND
 from encoder.nn.onnx_graph import Array, Bits, Graph
 from encoder.types import Weights
 
@@ -49,9 +50,9 @@ def _frozen(weights: Weights, name: str) -> tuple[Array, Array]:
 
 
 def _running_norm(
-    g: Graph, x: str, config: AudioEncoderConfig, weights: Weights, hops: int
+    g: Graph, x: str, state: str, config: AudioEncoderConfig, weights: Weights, hops: int
 ) -> tuple[str, str]:
-    """RunningNorm.step on x [hops * n, C]; reads the input "statistics" [1, 2] -> y, statistics."""
+    """RunningNorm.step on x [hops * n, C]; reads the input `state` [1, 2] -> y, statistics."""
     width, _, stride = config.layers[0]
     keep = exp(-config.stride / config.sample_rate / config.norm_seconds)
     flat = g.op("Reshape", x, g.const([hops, -1]))
@@ -60,7 +61,7 @@ def _running_norm(
     lag = np.subtract.outer(np.arange(hops), np.arange(hops))
     past = np.where(lag >= 0, (1 - keep) * keep ** np.maximum(lag, 0), 0.0)
     fresh = g.op("MatMul", g.const(past), g.op("Concat", *moments, axis=1))
-    start = g.op("MatMul", g.const(keep ** np.arange(1.0, hops + 1)[:, None]), "statistics")
+    start = g.op("MatMul", g.const(keep ** np.arange(1.0, hops + 1)[:, None]), state)
     means = g.op("Add", fresh, start)  # [hops, 2]
     mean, square = g.op("Split", means, axis=1, num_outputs=2, outputs=2)
     prior = weights["norms.0.prior"].astype(np.float64)
@@ -74,9 +75,11 @@ def _running_norm(
     return y, g.op("Slice", means, g.const([hops - 1]), g.const([hops]), g.const([0]))
 
 
-def _spectrum(g: Graph, x: str, config: SpectrumConfig, hops: int) -> tuple[str, dict[str, str]]:
+def _spectrum(
+    g: Graph, x: str, config: SpectrumConfig, hops: int, names: str
+) -> tuple[str, dict[str, str]]:
     """Spectrum.step on x [hops * hop, 1] -> [hops, bands] and its next state."""
-    joined = g.op("Concat", "sound", x, axis=0)
+    joined = g.op("Concat", f"{names}sound", x, axis=0)
     kept, size = config.window - config.hop, config.hop * hops
     starts = np.arange(hops)[:, None] * config.hop
     rows = g.op("Gather", joined, g.const((starts + np.arange(config.window)).reshape(-1)), axis=0)
@@ -88,12 +91,12 @@ def _spectrum(g: Graph, x: str, config: SpectrumConfig, hops: int) -> tuple[str,
     past = np.where(lag >= 0, (1 - config.keep) * config.keep ** np.maximum(lag, 0), 0.0)
     fresh = g.op("MatMul", g.const(past), g.op("ReduceMean", bands, g.const([1])))
     ages = np.arange(1.0, hops + 1)[:, None]
-    levels = g.op("Add", fresh, g.op("MatMul", g.const(config.keep**ages), "level"))
+    levels = g.op("Add", fresh, g.op("MatMul", g.const(config.keep**ages), f"{names}level"))
     one, floor = g.const(np.array([1.0])), g.const(np.array([config.floor]))
     logs = g.op("Log", g.op("Add", g.op("Div", levels, floor), one))
     faded = g.const(np.where(lag >= 0, -config.decay * lag, -1e9))
     newest = g.op("ReduceMax", g.op("Add", g.op("Transpose", logs), faded), g.const([1]))
-    peaks = g.op("Max", newest, g.op("Sub", "peak", g.const(config.decay * ages)))
+    peaks = g.op("Max", newest, g.op("Sub", f"{names}peak", g.const(config.decay * ages)))
     scale = g.op("Mul", g.op("Exp", peaks), floor)
     relative = g.op("Add", g.op("Div", bands, scale), g.const(np.array([config.quiet])))
     y = g.op("Add", g.op("Log", relative), g.const(np.array([5.0])))
@@ -102,6 +105,7 @@ def _spectrum(g: Graph, x: str, config: SpectrumConfig, hops: int) -> tuple[str,
         name: g.op("Slice", rows, *ends) for name, rows in (("level", levels), ("peak", peaks))
     }
     after["sound"] = g.op("Slice", joined, g.const([size]), g.const([size + kept]), g.const([0]))
+    after = {names + name: value for name, value in after.items()}
     return g.op("Div", y, g.const(np.array([3.0]))), after
 
 
@@ -117,34 +121,37 @@ def audio_shapes(config: AudioEncoderConfig) -> dict[str, list[int]]:
         shapes["statistics"] = [1, 2]
     if spectrum := config.spectrum:
         shapes |= {"sound": [spectrum.window - spectrum.hop, 1], "level": [1, 1], "peak": [1, 1]}
+    if config.second:
+        shapes |= {SECOND + name: shape for name, shape in audio_shapes(config.second).items()}
     return shapes
 
 
-def audio_model(
-    config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
-) -> ModelProto:
-    """audio [features * stride, 1] + state -> features [features, width] + state."""
-    g, time, x, after = Graph(bits), features * config.stride, "audio", dict[str, str]()
+def _encoder(
+    g: Graph, config: AudioEncoderConfig, weights: Weights, features: int, names: str = ""
+) -> tuple[str, dict[str, str]]:
+    """The input "audio" -> features and the next state; `names`: how its states begin."""
+    time, x, after = features * config.stride, "audio", dict[str, str]()
     if config.spectrum:
-        x, after = _spectrum(g, x, config.spectrum, time // config.spectrum.hop)
+        x, after = _spectrum(g, x, config.spectrum, time // config.spectrum.hop, names)
         time //= config.spectrum.hop
     for i, (_, _, stride) in enumerate(config.layers):
         running = i == 0 and config.first_norm == "running"
         scale, shift = (1.0, 0.0) if running else _frozen(weights, f"norms.{i}")
-        state = f"conv{i}"
+        state = f"{names}conv{i}"
         x, after[state] = _conv(
             g, x, state, weights, f"convs.{i}", time, stride, 1, scale, shift,
             exact=i < EXACT_CONVS,
         )  # fmt: skip
         time //= stride
         if running:
-            x, after["statistics"] = _running_norm(g, x, config, weights, features)
+            state = f"{names}statistics"
+            x, after[state] = _running_norm(g, x, state, config, weights, features)
         x = g.op("Relu", x)
     if not config.bands:
         x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
     half = g.const(np.array([0.5**0.5]))
     for i, (_, dilation) in enumerate(config.context):
-        state = f"conv{len(config.layers) + i}"
+        state = f"{names}conv{len(config.layers) + i}"
         folded = _frozen(weights, f"context_norms.{i}")
         y, after[state] = _conv(
             g, x, state, weights, f"context_convs.{i}", time, 1, dilation, *folded
@@ -152,11 +159,25 @@ def audio_model(
         x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
     if config.feature_dim:
         x = g.linear(x, weights["project.weight"].T, weights["project.bias"])
+    return x, after
+
+
+def audio_model(
+    config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
+) -> ModelProto:
+    """audio [features * stride, 1] + state -> features [features, widths] + state."""
+    g = Graph(bits)
+    x, after = _encoder(g, config, weights, features)
+    if config.second:
+        theirs = {k.removeprefix(SECOND): v for k, v in weights.items() if k.startswith(SECOND)}
+        y, more = _encoder(g, config.second, theirs, features, SECOND)
+        x, after = g.op("Concat", x, y, axis=1), after | more
     g.rename(x, "features")
     for name, value in after.items():
         g.rename(value, f"{name}_next")
     shapes = audio_shapes(config)
     return g.model(
         {"audio": [features * config.stride, 1], **shapes},
-        {"features": [features, config.width], **{f"{k}_next": v for k, v in shapes.items()}},
-    )
+        {"features": [features, sum(width for width, _ in config.parts)],
+         **{f"{k}_next": v for k, v in shapes.items()}},
+    )  # fmt: skip

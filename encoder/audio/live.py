@@ -18,7 +18,7 @@ from encoder.nn.onnx_session import session
 from encoder.types import Floats, Weights
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME
 
-KEPT = 8  # features that an interpolation may still read
+KEPT = 8  # features that an interpolation may still read, where a tick has no whole number
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class AudioState:
     raw: Floats  # [context] 48 kHz, still under the filter
     pending: Floats  # [n] resampled, not yet a whole feature
     layers: dict[str, Floats]  # `audio_shapes`
-    tail: Floats  # [0..KEPT, width] newest features, where they are interpolated
+    tail: Floats  # [n, widths] newest first: means of past ticks; or the last to interpolate in
     count: int  # features so far
 
 
@@ -41,18 +41,26 @@ class LiveAudio:
         self._kernel = resample_kernel(self._factor)
         self._context = len(self._kernel) - self._factor
         tick = SAMPLES_PER_FRAME / self._factor / config.stride  # features a tick
-        self._stacks = tick.is_integer()
+        ends = np.cumsum([width for width, _ in config.parts])
+        self._parts = [
+            (slice(int(end) - width, int(end)), past)
+            for end, (width, past) in zip(ends, config.parts, strict=True)
+        ]
+        self._past = max(past for _, past in config.parts)
         self._shapes = audio_shapes(config)
-        self._prior = weights.get("norms.0.prior")
+        self._priors = {
+            name.replace("norms.0.prior", "statistics"): prior.reshape(1, 2).astype(np.float32)
+            for name, prior in weights.items()
+            if name.endswith("norms.0.prior")
+        }
         counts = {int(tick), -int(-tick // 1)}
         self._encoders = {n: session(audio_model(config, weights, n, bits)) for n in counts}
 
     def init_state(self) -> AudioState:
         layers = {name: np.zeros(shape, np.float32) for name, shape in self._shapes.items()}
-        if self._prior is not None:
-            layers["statistics"] = self._prior.reshape(1, 2).astype(np.float32)
+        layers |= self._priors
         nothing = np.zeros(0, np.float32)
-        tail = np.zeros((0, self.config.width), np.float32)
+        tail = np.zeros((self._past, self._parts[-1][0].stop), np.float32)
         return AudioState(np.zeros(self._context, np.float32), nothing, layers, tail, 0)
 
     def step(self, audio: Floats, state: AudioState) -> tuple[Floats, AudioState]:
@@ -70,8 +78,11 @@ class LiveAudio:
         names = [output.name for output in self._encoders[num].get_outputs()[1:]]
         layers = {n.removesuffix("_next"): a for n, a in zip(names, after, strict=True)}
         raw, pending, count = raw[ready * self._factor :], sound[used:], state.count + num
-        if self._stacks:
-            return features.reshape(-1), AudioState(raw, pending, layers, state.tail, count)
+        if self.config.features_a_tick:
+            rows = [(features[:, part], state.tail[:past, part]) for part, past in self._parts]
+            frame = np.concatenate([array.reshape(-1) for row in rows for array in row])
+            tail = np.concatenate([features.mean(0, keepdims=True), state.tail])[: self._past]
+            return frame, AudioState(raw, pending, layers, tail, count)
         tail = np.concatenate([state.tail, features])[-KEPT:]
         left, weight = lerp_place(lerp_ready(count) - 1)
         place = left - (count - len(tail))

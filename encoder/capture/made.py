@@ -19,6 +19,7 @@ from encoder.capture.speech.corpus import freeform, sentences
 from encoder.capture.speech.languages import TEXTS
 from encoder.capture.speech.phones import PHONE_INDEX, Phone, Speech, pack_phones
 from encoder.capture.speech.synthesis import Espeak
+from encoder.capture.speech.training_texts import VOICES, sentences_of
 from encoder.capture.speech.voices import Voice, draw_voice, speak
 from encoder.emotion.labels import LABELS
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
@@ -143,12 +144,15 @@ def _speech_take(
 
 
 def language_takes(
-    language: str, lips: LipGeometry | None, seed: tuple[int, ...]
+    language: str, split: str, lips: LipGeometry | None, seed: tuple[int, ...]
 ) -> Iterator[Take]:
-    """The sentences of a further language, for the test split, each spoken by another voice."""
+    """The sentences of a further language, each spoken by other voices: one, or in the training
+    split a few."""
     rng, espeak = np.random.default_rng(seed), Espeak()
-    for text in TEXTS[language]:
-        who = Speaker(draw_voice("test", rng, language), Style.draw(rng), lips, "test")
+    testing = split == "test"
+    texts = list(TEXTS[language]) if testing else VOICES * sentences_of(language)
+    for text in texts:
+        who = Speaker(draw_voice(split, rng, language), Style.draw(rng), lips, split)
         speech = join(speak(who.voice, [text], "neutral", espeak, rng), (0.25, 0.7), rng)
         yield spoken_take(speech, who, rng, kind="language", text=text)
 

@@ -34,7 +34,14 @@ class DenoiserConfig:
     causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
     attention: Literal["softmax", "linear"] = "softmax"
     num_steps: int = 200  # N
+    # how many numbers at the end of the audio features the direct path hears, and the blocks do not
+    direct_dim: int = 0
     contact: int = 0  # hidden units of the student's contact head; 0: none
+
+    @property
+    def input_dims(self) -> tuple[int, int, int]:
+        """What the blocks get: noisy code, audio features without the direct path's, condition."""
+        return self.expression_dim, self.audio_dim - self.direct_dim, self.condition_dim
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -69,7 +76,7 @@ def weight_shapes(config: DenoiserConfig) -> dict[str, tuple[int, ...]]:
     def linear(name: str, inputs: int, outputs: int) -> None:
         shapes[f"{name}.weight"], shapes[f"{name}.bias"] = (outputs, inputs), (outputs,)
 
-    linear("input", code + config.audio_dim + config.condition_dim, dim)
+    linear("input", sum(config.input_dims), dim)
     linear("tau.0", dim, dim)
     linear("tau.2", dim, dim)
     for i in range(config.layers):
@@ -80,6 +87,8 @@ def weight_shapes(config: DenoiserConfig) -> dict[str, tuple[int, ...]]:
         linear(f"blocks.{i}.modulate", dim, 6 * dim)
     shapes |= {"norm.weight": (dim,), "norm.bias": (dim,)}
     linear("output", dim, code)
+    if config.direct_dim:
+        linear("direct.move", 2 * config.direct_dim, code)
     if config.contact:
         shapes |= {HEAD + "gap": (code,), HEAD + "rest": (), HEAD + "shut": (code,)}
         linear(HEAD + "listen", 1 + len(KNOTS_MM) + config.audio_dim, config.contact)

@@ -56,10 +56,14 @@ def _attention(
     return g.linear(y, out, out_bias), k, v
 
 
-def _contact(g: Graph, x0: str, config: DenoiserConfig, weights: Weights) -> str:
-    """x0 [1, 256] with the head of contact.py behind it."""
-    sizes = [config.expression_dim, config.audio_dim, config.condition_dim]
-    _, audio, _ = g.op("Split", "inputs", g.const(sizes), outputs=3, axis=1)
+def _direct(g: Graph, heard: str, weights: Weights) -> str:
+    """heard [1, D] -> what direct.py adds to x0 [1, 256]."""
+    seen = g.op("Concat", heard, g.op("Sigmoid", heard), axis=1)
+    return g.linear(seen, weights["direct.move.weight"].T, weights["direct.move.bias"], exact=True)
+
+
+def _contact(g: Graph, x0: str, audio: str, weights: Weights) -> str:
+    """x0 [1, 256] with the head of contact.py behind it; audio [1, A]."""
     row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
     gap = g.linear(x0, row, rest, exact=True)
     near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
@@ -79,7 +83,11 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
     holds the shift and the scale of each place (zeros: nothing; zero_conv.py)."""
     g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
     # in full precision: what is small among the inputs tells as much as what is large
-    x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
+    code, heard, condition = config.input_dims
+    sizes = g.const([code, heard, config.direct_dim, condition])
+    noisy, audio, direct, eyes = g.op("Split", "inputs", sizes, outputs=4, axis=1)
+    x = g.op("Concat", noisy, audio, eyes, axis=1)
+    x = g.linear(x, weights["input.weight"].T, weights["input.bias"], exact=True)
     new_keys, new_values = [], []
 
     places = np.repeat(config.places, 2)
@@ -107,8 +115,11 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
     scale, shift = g.const(weights["norm.weight"]), g.const(weights["norm.bias"])
     x = g.op("LayerNormalization", x, scale, shift, epsilon=1e-5)
     x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
+    if config.direct_dim:
+        x0 = g.op("Add", x0, _direct(g, direct, weights))
     x0 = with_emotion(x0, config.layers + 1)
-    g.rename(_contact(g, x0, config, weights) if config.contact else x0, "x0")
+    whole = g.op("Concat", audio, direct, axis=1)
+    g.rename(_contact(g, x0, whole, weights) if config.contact else x0, "x0")
     new = [config.layers, config.heads, dim // config.heads]
     g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
     g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")

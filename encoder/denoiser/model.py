@@ -19,6 +19,7 @@ from torch.nn import functional
 
 from encoder.denoiser.config import HEAD, DenoiserConfig
 from encoder.denoiser.contact import Contact
+from encoder.denoiser.direct import Direct
 from encoder.nn.attention import Attention, rope_angles
 from encoder.nn.streaming import State
 
@@ -79,8 +80,7 @@ class Denoiser(nn.Module):
         self.register_buffer("expression_std", torch.ones(config.expression_dim))
         self.null_audio = nn.Parameter(torch.zeros(config.audio_dim))
         self.null_condition = nn.Parameter(torch.zeros(config.condition_dim))
-        inputs = config.expression_dim + config.audio_dim + config.condition_dim
-        self.input = nn.Linear(inputs, config.dim)
+        self.input = nn.Linear(sum(config.input_dims), config.dim)
         self.tau = nn.Sequential(
             nn.Linear(config.dim, config.dim),
             nn.SiLU(),
@@ -90,6 +90,9 @@ class Denoiser(nn.Module):
         self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.dim)
         self.output = nn.Linear(config.dim, config.expression_dim)
+        self.direct: Direct | None = None
+        if config.direct_dim:
+            self.direct = Direct(config.direct_dim, config.expression_dim)
         self.contact: Contact | None = None
         if config.contact:
             self.contact = Contact(config.expression_dim, config.audio_dim, config.contact)
@@ -109,7 +112,8 @@ class Denoiser(nn.Module):
             audio = torch.where(keep_audio[:, None, None], audio, self.null_audio)
         if keep_condition is not None:
             condition = torch.where(keep_condition[:, None, None], condition, self.null_condition)
-        return self.input(torch.cat([noisy, audio, condition], -1)), audio
+        heard = audio[..., : self.config.input_dims[1]]
+        return self.input(torch.cat([noisy, heard, condition], -1)), audio
 
     def _tau(self, tau: Tensor) -> Tensor:  # [B] -> [B, dim]
         return self.tau(embed_tau(tau, self.config.dim).to(self.output.weight.dtype))
@@ -124,7 +128,10 @@ class Denoiser(nn.Module):
         return [None] * len(sizes) if emotion is None else emotion[:, None].split(sizes, -1)
 
     def _output(self, x: Tensor, audio: Tensor, places: Sequence[Tensor | None]) -> Tensor:
-        x0 = _with(self.output(self.norm(_with(x, places[-2]))), places[-1])  # x [B, T, dim]
+        x0 = self.output(self.norm(_with(x, places[-2])))  # x [B, T, dim]
+        if self.direct is not None:
+            x0 = x0 + self.direct(audio[..., -self.config.direct_dim :])
+        x0 = _with(x0, places[-1])
         return x0 if self.contact is None else self.contact(x0, audio)
 
     def forward(

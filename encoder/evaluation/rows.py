@@ -14,6 +14,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from encoder.audio.alignment import stack_of
 from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, SEGMENT_FRAMES, Clip, iter_pack
 from encoder.denoiser.diffusion import Guidance, Schedule, conditioned_on, ddim_taus, sample_ddim
@@ -112,11 +113,8 @@ def features(
 
 def whole(encoder: AudioEncoder) -> Callable[[Tensor], Tensor]:
     """For `features`: the encoder run over the clip in one piece."""
-    return lambda sound: (
-        encoder(sound[None, :, None])[0]
-        .unflatten(0, (-1, PACK_SAMPLES_PER_FRAME // encoder.config.stride))
-        .flatten(1)
-    )
+    stack = stack_of(encoder.config)
+    return lambda sound: stack(encoder(sound[None, :, None]))[0]
 
 
 def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, T, 6]

@@ -166,7 +166,9 @@ def _error(path: Path, expected: str, got: object, kind: str) -> InputError:
 
 
 def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:
-    """Build a config dataclass from a card's JSON; an unknown key is an error naming close ones."""
+    """Build a config dataclass from a card's JSON; an unknown key is an error naming close ones.
+
+    What is a table in it is a config of the same kind."""
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     for key in values:
         if key not in names:
@@ -174,7 +176,8 @@ def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:
             raise InputError(
                 f"{kind.__name__}: expected known keys, got {key!r}; did you mean {near}?"
             )
-    return kind(**{key: _tuples(value) for key, value in values.items()})
+    known = {k: config_from(kind, v) if isinstance(v, dict) else v for k, v in values.items()}
+    return kind(**{key: _tuples(value) for key, value in known.items()})
 
 
 def _tuples(value: Any) -> Any:

@@ -10,6 +10,7 @@ from torch.nn import functional
 
 from encoder.audio.encoder import AudioEncoder, RunningNorm
 from encoder.nn.streaming import State
+from encoder.training.clips import stacked
 
 HISTORY_FRAMES = 30  # of sound a live tick re-reads: more than the network's reach to the past
 
@@ -39,10 +40,7 @@ def fed_causally(encoder: CentredEncoder, audio: Tensor, samples_per_frame: int)
     start anew in every window of HISTORY_FRAMES.
     """
     frames = len(audio) // samples_per_frame
-    per_frame = samples_per_frame // encoder.config.stride
     padded = functional.pad(audio, ((HISTORY_FRAMES - 1) * samples_per_frame, 0))
     windows = padded.unfold(0, HISTORY_FRAMES * samples_per_frame, samples_per_frame)
-    newest = [
-        encoder(part[..., None])[:, -per_frame:].flatten(1) for part in windows[:frames].split(50)
-    ]
+    newest = [stacked(encoder, part)[:, -1] for part in windows[:frames].split(50)]
     return torch.cat(newest)

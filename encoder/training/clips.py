@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 from torch import Tensor
 
+from encoder.audio.alignment import stack_of
 from encoder.audio.encoder import AudioEncoder
-from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_pack
+from encoder.capture.dataset import Clip, read_pack
 
 
 def grouped(pack: Path, split: str) -> dict[str, list[Clip]]:
@@ -30,6 +31,4 @@ def pick(clips: list[Clip], truth: str, rng: np.random.Generator) -> Clip:
 
 def stacked(encoder: AudioEncoder, audio: Tensor) -> Tensor:
     """[B, 800 T] at 24 kHz -> audio_features [B, T, A]: the features of each frame."""
-    features = encoder(audio[..., None])
-    count = PACK_SAMPLES_PER_FRAME // encoder.config.stride
-    return features.reshape(len(features), -1, count * encoder.config.width)
+    return stack_of(encoder.config)(encoder(audio[..., None]))

@@ -27,6 +27,7 @@ WAV2VEC = AudioEncoderConfig(
     layers=((16, 10, 5), (16, 8, 4), (16, 4, 2), (16, 4, 2), (16, 4, 2), (16, 1, 1), (16, 1, 1)),
     context=((2, 1), (3, 1), (13, 1)),
 )  # fmt: skip
+PAIR = replace(AUDIO["debug"], second=replace(AUDIO["phonetic-debug"], past_ticks=2))
 BACKENDS: list[BackendName] = ["torch", "onnx", "onnx-int8"]
 
 
@@ -44,9 +45,12 @@ class StageNames:
 def models(audio: AudioEncoderConfig = AUDIO["debug"]) -> tuple[AudioEncoder, Denoiser]:
     """Small networks without a zero gate or a default statistic that could hide an error."""
     torch.manual_seed(0)
-    audio_dim = 512 if audio.kind == "compact" else 16
+    direct = audio.second.frame_width if audio.second else 0
     encoder = AudioEncoder(audio)
-    denoiser = Denoiser(replace(DENOISERS["debug"], audio_dim=audio_dim))
+    sizes = replace(DENOISERS["debug"], audio_dim=audio.frame_width, direct_dim=direct)
+    denoiser = Denoiser(sizes)
+    if denoiser.direct is not None:
+        nn.init.normal_(denoiser.direct.move.weight, std=0.01)
     for module in encoder.modules():
         if isinstance(module, nn.BatchNorm1d):
             nn.init.normal_(module.running_mean, std=0.05)  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ import pytest
 import torch
 from driver_material import (
     BACKENDS,
+    PAIR,
     WAV2VEC,
     StageNames,
     drive,
@@ -58,7 +59,9 @@ def test_sound_and_noise_are_heard(backend: BackendName) -> None:
     assert np.array_equal(drive(d, audio)[0], codes)
 
 
-@pytest.mark.parametrize("audio_config", [AUDIO["debug"], WAV2VEC], ids=["compact", "wav2vec"])
+@pytest.mark.parametrize(
+    "audio_config", [AUDIO["debug"], WAV2VEC, PAIR], ids=["compact", "wav2vec", "pair"]
+)
 def test_onnx_equals_torch_for_300_frames(audio_config: AudioEncoderConfig) -> None:
     audio = sound(300)
     expected, gaze, _ = drive(driver("torch", audio_config), audio)

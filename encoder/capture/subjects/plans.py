@@ -12,6 +12,7 @@ from encoder.capture.made import Take, language_takes, subject_takes
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.speech import voices
 from encoder.capture.speech.languages import TEXTS
+from encoder.capture.speech.training_texts import TRAINING_TEXTS
 from encoder.capture.subjects import mocap, real
 from sensors.types import InputError
 
@@ -25,7 +26,7 @@ class Config:
 
     subjects: int = 265
     hours: float = 8.0  # of the rule-made subjects together
-    languages: int = len(TEXTS)
+    languages: int = 16  # at most; 12 are tested, 16 learned from
     speech: Path | None = None
     mocap: Path | None = None
     takes: Path | None = None
@@ -67,6 +68,10 @@ def plans(config: Config) -> list[Plan]:
     for k, language in enumerate(list(TEXTS)[: config.languages]):
         result.append(
             Plan(f"language_{language}", "language", (config.seed, 1, k), "test", key=language)
+        )
+    for k, language in enumerate(list(TRAINING_TEXTS)[: config.languages]):
+        result.append(
+            Plan(f"training_{language}", "language", (config.seed, 5, k), "train", key=language)
         )
     if config.speech:
         result += _speech_plans(config.speech, config.seed)
@@ -119,7 +124,7 @@ def takes(plan: Plan, lips: LipGeometry | None) -> Iterator[Take]:
     if plan.kind == "made":
         yield from subject_takes(plan.seconds, plan.split, lips, plan.seed)
     elif plan.kind == "language":
-        yield from language_takes(plan.key, lips, plan.seed)
+        yield from language_takes(plan.key, plan.split, lips, plan.seed)
     elif plan.kind == "aligned":
         yield from real.aligned_takes(folder, list(plan.lines), lips, plan.seed)
     elif plan.kind == "envelope":

@@ -32,12 +32,13 @@ class ContactConfig:
     student: Path  # without suffix; what is written there or to `output` has the head
     output: Path
     run: loop.RunSettings
-    hidden: int = 32
+    without: tuple[str, ...] = ()  # talkers whose tracked motion is left out
+    hidden: int = 48
     steps: int = 3000
     batch: int = 16
     frames: int = 100
     rate: float = 2e-3
-    contact_weight: float = 4.0
+    contact_weight: float = 8.0
     gap_weight: float = 0.2  # per mm^2
     spread_weight: float = 0.6  # per mm^2
     effort_weight: float = 0.02  # per mm^2 that the head moves the lips
@@ -109,7 +110,7 @@ def fold_scale(head: Contact, mean: Tensor, spread: Tensor) -> None:
 def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
     """Train the head and write the student with it, as it was in all other tensors."""
     torch.manual_seed(config.run.seed)
-    streams = Streams.load(config.streams, face)
+    streams = Streams.load(config.streams, face, config.without)
     tensors, card = checkpoint.load(config.student, "student")
     student = headless(load_denoiser(config.student, "student")[0])
     head = new_head(student, face, config.hidden).to(config.run.device)

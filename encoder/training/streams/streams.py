@@ -80,10 +80,11 @@ WARPED = 0.6  # share of streams
 
 def warped(encoder: AudioEncoder, rng: np.random.Generator) -> AudioEncoder:
     """The encoder with the ears of this stream: everybody in it has another vocal tract."""
-    if encoder.spectrum:
-        warp = float(rng.uniform(*WARPS)) if rng.random() < WARPED else 1.0
-        bank = torch.from_numpy(encoder.spectrum.config.bank(warp))
-        encoder.spectrum.bank.copy_(bank)
+    for part in (encoder, encoder.second):
+        if part is not None and part.spectrum:
+            warp = float(rng.uniform(*WARPS)) if rng.random() < WARPED else 1.0
+            bank = torch.from_numpy(part.spectrum.config.bank(warp))
+            part.spectrum.bank.copy_(bank)
     return encoder
 
 

@@ -1,18 +1,23 @@
 """The capture stage: channels, rule-made speech and motion, imports, the data pack."""
 
 import shutil
+from itertools import islice
 
 import numpy as np
 import pytest
 
 from encoder.capture import dataset, made
+from encoder.capture.made import language_takes
 from encoder.capture.motion import channels
 from encoder.capture.motion import rules as motion
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.style import Style
 from encoder.capture.speech.corpus import freeform, sentences, split_of
+from encoder.capture.speech.languages import TEXTS
 from encoder.capture.speech.phones import Phone, pack_phones, unpack_phones
 from encoder.capture.speech.synthesis import Espeak, speak_flite
+from encoder.capture.speech.training_texts import TRAINING_TEXTS, sentences_of
+from encoder.capture.speech.voices import TEST_BASES
 from encoder.capture.subjects import mocap
 from encoder.capture.subjects import plans as build
 from sensors.types import SAMPLE_RATE, InputError
@@ -190,7 +195,7 @@ def test_plans_split_voices_and_are_the_same_again():
     config = build.Config(subjects=20, hours=0.1, languages=3)
     plans = build.plans(config)
     assert plans == build.plans(config)
-    assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 23
+    assert len({p.seed for p in plans}) == len({p.name for p in plans}) == len(plans) == 26
     assert {p.split for p in plans} == {"train", "test"}
 
 
@@ -213,3 +218,14 @@ def test_no_emotion_reopens_a_closure(emotion):
         during = (times > phone.start - 0.05) & (times < phone.end)
         assert gap[during].min() <= 0.05
     assert gap.max() > 5
+
+
+@needs_espeak
+def test_the_languages_learned_from_are_spoken_by_other_voices_and_say_other_things() -> None:
+    assert len(TRAINING_TEXTS) >= 12
+    for language in TRAINING_TEXTS:
+        texts = sentences_of(language)
+        assert len(texts) >= 4 and not set(texts) & set(TEXTS.get(language, ()))
+    clips = [take.clip for take in islice(language_takes("el", "train", None, (0,)), 3)]
+    assert {clip.split for clip in clips} == {"train"} and all(len(c.spans) > 8 for c in clips)
+    assert not any(base in clip.voice for clip in clips for base in TEST_BASES)

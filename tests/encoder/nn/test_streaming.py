@@ -23,7 +23,8 @@ WAV2VEC = AudioEncoderConfig(
     layers=((8, 10, 5), (8, 8, 4), (8, 4, 2), (8, 4, 2), (8, 4, 2), (8, 1, 1), (8, 1, 1)),
     context=((2, 1), (3, 1), (13, 1)),
 )  # fmt: skip
-AUDIO_CONFIGS = [PRESETS["phonetic-debug"], PRESETS["debug"], WAV2VEC]
+PAIR = replace(PRESETS["debug"], second=replace(PRESETS["phonetic-debug"], past_ticks=2))
+AUDIO_CONFIGS = [PAIR, PRESETS["phonetic-debug"], PRESETS["debug"], WAV2VEC]
 
 
 def noise(*shape: int, seed: int = 0, dtype: torch.dtype = torch.float32) -> Tensor:
@@ -78,11 +79,12 @@ def poison_cache(state: State) -> State:
 def test_denoiser(attention: str, dtype: torch.dtype) -> None:
     config = DenoiserConfig(
         expression_dim=12, audio_dim=8, layers=2, dim=32, ff_dim=48, window=5, attention=attention,
-        contact=6,
+        contact=6, direct_dim=3,
     )  # fmt: skip
     stream = DenoiserStream(config).to(dtype)
-    assert stream.inner.contact is not None
-    for tensor in (*stream.inner.contact.buffers(), *stream.inner.contact.parameters()):
+    assert stream.inner.contact is not None and stream.inner.direct is not None
+    heads = stream.inner.contact, stream.inner.direct
+    for tensor in (t for head in heads for t in (*head.buffers(), *head.parameters())):
         torch.nn.init.normal_(tensor)
     x = noise(2, 30, 26, dtype=dtype)
     # Offline the mask multiplies the future by an exact 0, and 0 * NaN is NaN: large numbers.
@@ -100,7 +102,7 @@ def test_denoiser_far_past_the_training_length() -> None:
 
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
-@pytest.mark.parametrize("config", AUDIO_CONFIGS, ids=["phonetic", "compact", "wav2vec"])
+@pytest.mark.parametrize("config", AUDIO_CONFIGS, ids=["pair", "phonetic", "compact", "wav2vec"])
 def test_audio_encoder(config: AudioEncoderConfig, dtype: torch.dtype) -> None:
     encoder = lively(AudioEncoder(config)).to(dtype)
     x = 0.1 * noise(2, encoder.block_size * 40, 1, dtype=dtype)
@@ -116,11 +118,12 @@ def test_resample(factor: int) -> None:
 
 
 def test_alignment() -> None:
-    check_streaming(Stack(4), noise(2, 40, 3))
+    check_streaming(Stack(4, (3, 0)), noise(2, 40, 3))
+    check_streaming(Stack(4, (1, 0), (2, 3)), noise(2, 40, 3))
     check_streaming(CausalLerp(3), noise(2, 47, 3))
 
 
-@pytest.mark.parametrize("config", AUDIO_CONFIGS, ids=["phonetic", "compact", "wav2vec"])
+@pytest.mark.parametrize("config", AUDIO_CONFIGS, ids=["pair", "phonetic", "compact", "wav2vec"])
 def test_whole_audio_path_one_frame_a_tick(config: AudioEncoderConfig) -> None:
     features = AudioFeatures(lively(AudioEncoder(config)))
     x = 0.1 * noise(1, 1600 * 9, 1)
@@ -163,7 +166,9 @@ class Writes(Stack):
         return x, state
 
 
-@pytest.mark.parametrize("wrong", [Leaky(3), Late(1), Writes(1)], ids=["leaky", "late", "writes"])
+@pytest.mark.parametrize(
+    "wrong", [Leaky(3), Late(1, (3, 0)), Writes(1, (3, 0))], ids=["leaky", "late", "writes"]
+)
 def test_the_contract_can_fail(wrong: nn.Module) -> None:
     with pytest.raises(AssertionError):
         check_streaming(wrong, noise(1, 40, 3))

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from training_material import FACE, pack_of_tones
 
 from encoder.capture import dataset
-from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
 from encoder.capture.speech.handling import HANDLING
 from encoder.denoiser.config import PRESETS
 from encoder.denoiser.diffusion import Schedule
@@ -20,7 +20,6 @@ from encoder.training.centred import CentredEncoder
 from encoder.training.checkpoints import load_denoiser, load_encoder
 from encoder.training.clips import pick, stacked
 from encoder.training.distribution import dmd_loss, mouth_error
-from encoder.training.geometry import TrainingFace
 from encoder.training.stages import audio, diffusion, distill
 from encoder.training.streams import augment, streams
 from encoder.training.streams.whitening import Whitening
@@ -28,39 +27,10 @@ from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
 
-BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
-
-
-def vertices(codes: torch.Tensor) -> torch.Tensor:
-    return (codes @ torch.tensor(BASIS.T))[..., :30].unflatten(-1, (10, 3))
-
-
-def mouth(codes: torch.Tensor) -> torch.Tensor:
-    return torch.cat([codes[..., :128], torch.zeros_like(codes[..., 128:])], -1)
-
-
-FACE = TrainingFace(
-    lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices,
-    lambda codes: codes[..., :2], mouth,
-)  # fmt: skip
-
 
 @pytest.fixture(scope="module")
 def pack(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Eight clips of tones: loud is open."""
-    folder, rng, clips = tmp_path_factory.mktemp("pack"), np.random.default_rng(0), []
-    for truth in ("rules", "tracked", "envelope", "rest") * 2:
-        level = np.clip(np.sin(np.arange(40) * 0.5 + rng.uniform(0, 6)), 0, 1)
-        level = level * (truth != "rest")
-        sound = np.repeat(level, 1600) * np.sin(np.arange(40 * 1600) * 0.05) * 0.3
-        rig = np.zeros((40, len(RIG_NAMES)))
-        rig[:, JAW_OPEN] = 0.4 * level
-        gaze = np.tile([0.0, 0.0, 1.0], (40, 2, 1))
-        phones = (level > 0.5).astype(int)
-        clips.append(dataset.make_clip(sound, rig, gaze, phones, truth=truth, voice="tone"))
-    shard = dataset.write_shard(folder / "shard_000.npz", clips)
-    dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
-    return folder
+    return pack_of_tones(tmp_path_factory.mktemp("pack"))
 
 
 def run_twice(stage: Any, config: Any, *rest: Any) -> None:
