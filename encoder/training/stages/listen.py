@@ -34,6 +34,7 @@ from sensors.types import InputError
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
 CHUNK = 20_000  # frames
+RULES, REST = "", "-"  # who shows rule-made motion, or none
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,10 +48,11 @@ class ListenConfig:
     note: tuple[tuple[str, str], ...] = ()
     without: tuple[str, ...] = ()  # talkers whose tracked motion is left out
     # of the mouth that the blocks' is; measured on talkers left out (r raw, above 0.5 Hz): 1 .74
-    # .56, .7 .76 .60, .5 .76 .62, .3 .76 .63, 0 .74 .60
-    share: float = 0.5
-    gain: float = 1.2  # of both: a mean of guesses moves less than people do
-    rules: float = 0.1  # weight of rule-made motion; more costs real talkers r
+    # .56, .7 .76 .60, .5 .76 .62, .3 .76 .63, 0 .74 .60; the more, the nearer to rule-made motion
+    share: float = 0.6
+    gain: float = 1.1  # of both: a mean of guesses moves less than people do
+    rules: float = 0.2  # weight of rule-made motion; more costs real talkers r
+    rest: float = 0.2  # weight of lips at rest amid music, noise, hands and wind
     ridge: float = 3e-3
     versions: int = 2  # of each clip, each heard by other ears; of a rare talker's four times that
 
@@ -67,7 +69,7 @@ class Heard:
 
     sound: np.ndarray  # [N, D] float16 audio features of the phonetic encoder
     rig: np.ndarray  # [N, 53] float16
-    voice: np.ndarray  # [N] str; "": made by rules
+    voice: np.ndarray  # [N] str, the talker's, RULES or REST
 
 
 def hear(config: ListenConfig, encoder: AudioEncoder) -> Heard:
@@ -80,7 +82,8 @@ def hear(config: ListenConfig, encoder: AudioEncoder) -> Heard:
             if str(data["recipe"]) == str(recipe):
                 return Heard(data["sound"], data["rig"], data["voice"])
     rng, rows = np.random.default_rng(config.seed), []
-    clips = [c for c in iter_pack(config.pack, "train") if c.truth in ("rules", "tracked")]
+    truths = ("rules", "tracked", "rest")
+    clips = [clip for clip in iter_pack(config.pack, "train") if clip.truth in truths]
     voices = [clip.voice for clip in clips if clip.truth == "tracked"]
     most = max((voices.count(voice) for voice in set(voices)), default=1)
     for clip in tqdm(clips, desc="clips", mininterval=2):
@@ -98,18 +101,18 @@ def _heard(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     part = crop(clip, min(clip.num_frames, LONGEST), rng, 0.0 if rng.random() < CLEAN else 0.3)
     sound = stacked(warped(encoder, rng), torch.from_numpy(part.audio)[None])[0]
-    voice = clip.voice if clip.truth == "tracked" else ""
+    voice = {"rules": RULES, "rest": REST}.get(clip.truth, clip.voice)
     return sound.half().numpy(), part.rig.astype(np.float16), np.full(len(part.rig), voice)
 
 
 def frame_weights(voice: np.ndarray, config: ListenConfig) -> np.ndarray:
     """[N]: a talker counts as the root of how much there is; those left out, not at all."""
     weight = np.zeros(len(voice))
-    for name in sorted(set(voice.tolist()) - {"", *config.without}):
+    for name in sorted(set(voice.tolist()) - {RULES, REST, *config.without}):
         weight[voice == name] = 1 / np.sqrt((voice == name).sum())
     weight /= max(weight.sum(), 1e-9)
-    made = voice == ""
-    weight[made] = config.rules / max(made.sum(), 1)
+    for name, share in ((RULES, config.rules), (REST, config.rest)):
+        weight[voice == name] = share / max((voice == name).sum(), 1)
     return weight / weight.sum()
 
 
@@ -117,7 +120,7 @@ def fit(heard: Heard, face: TrainingFace, config: ListenConfig) -> tuple[np.ndar
     """-> matrix [2 D, 256], offset [256]: codes of the mouth from log-odds and their sigmoids."""
     for talker in config.without:
         if talker not in heard.voice:
-            known = ", ".join(sorted(set(heard.voice.tolist()) - {""}))
+            known = ", ".join(sorted(set(heard.voice.tolist()) - {RULES, REST}))
             raise InputError(f"--leave-out: expected one of {known}, got {talker!r}")
     weight = frame_weights(heard.voice, config)
     moments: Any = 0
@@ -178,7 +181,7 @@ def run(config: ListenConfig, face: TrainingFace) -> None:
         "blocks": card["sha256"],
         "truth": TRUTH,
         "data": {**card.get("data", {}), **read_manifest(config.pack)["sources"]},
-        "direct": {k: getattr(config, k) for k in ("share", "gain", "rules", "ridge", "versions")},
+        "direct": {k: getattr(config, k) for k in ("share", "gain", "rules", "rest", "ridge", "versions")},
         "without": config.without,
         **kept,
         **dict(config.note),

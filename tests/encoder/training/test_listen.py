@@ -69,11 +69,12 @@ def test_the_fit_finds_a_map_and_hears_nobody_who_is_left_out() -> None:
 
 
 def test_a_talker_counts_as_the_root_of_how_much_there_is() -> None:
-    voice = np.repeat(["anna", "ben", "carl", ""], [400, 100, 50, 30])
-    config = listen.preset("debug", **PATHS, without=("carl",), rules=0.1)
+    names = ("anna", "ben", "carl", listen.RULES, listen.REST)
+    voice = np.repeat(names, [400, 100, 50, 30, 20])
+    config = listen.preset("debug", **PATHS, without=("carl",), rules=0.1, rest=0.2)
     weight = listen.frame_weights(voice, config)
-    shares = [weight[voice == name].sum() for name in ("anna", "ben", "carl", "")]
-    np.testing.assert_allclose(shares, np.array([2, 1, 0, 0.3]) / 3.3, rtol=1e-6)
+    shares = [weight[voice == name].sum() for name in names]
+    np.testing.assert_allclose(shares, np.array([2, 1, 0, 0.3, 0.6]) / 3.9, rtol=1e-6)
 
 
 def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
