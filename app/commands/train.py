@@ -31,7 +31,7 @@ class Train:
     teacher: Path | None = None
     """audio: the viseme network's ONNX file, which teaches of voices without text."""
     phones: Path | None = None
-    """listen: folder of the phonetic encoder, which `train audio --out` wrote there."""
+    """listen: folder of a phonetic encoder that `train audio --out` wrote; default: the shipped."""
     resume: bool = False
     """Go on from the last state of this run."""
     start: Path | None = None

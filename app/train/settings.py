@@ -24,7 +24,7 @@ class TrainSettings:
     variant: Variant = "none"  # an ablation of the paper
     leave_out: tuple[str, ...] = ()  # talkers whose motion is not learned from
     teacher: Path | None = None  # of the audio stage: the viseme network's ONNX file
-    phones: Path | None = None  # of the stage listen: folder of the phonetic encoder
+    phones: Path | None = None  # of the stage listen: folder of a phonetic encoder
     resume: bool = False
     start: Path | None = None  # folder with weights to start from
     steps: int | None = None  # instead of the preset's

@@ -119,18 +119,16 @@ def _run_motion(
 
 def _run_listen(settings: TrainSettings, folder: Path, run: "RunSettings") -> None:
     from app.face.losses import face
+    from encoder.inference import WEIGHTS
     from encoder.training.stages import listen
 
-    if settings.start is None or settings.phones is None:
-        raise InputError(
-            "train listen: expected a chain and a phonetic encoder, got not both; give "
-            "--start FOLDER --phones FOLDER"
-        )
+    if settings.out is None and not settings.leave_out:
+        raise InputError("train listen: expected a folder for the new chain; give --out FOLDER")
     config = listen.preset(
         settings.preset,
         pack=settings.data,
-        phones=settings.phones / "audio",
-        old=settings.start,
+        phones=settings.phones / "audio" if settings.phones else WEIGHTS / "phones",
+        old=settings.start or WEIGHTS,
         pair=_weights(settings) / "audio",
         output=folder if settings.leave_out else _weights(settings),
         seed=settings.seed,

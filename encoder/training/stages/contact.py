@@ -33,12 +33,12 @@ class ContactConfig:
     output: Path
     run: loop.RunSettings
     without: tuple[str, ...] = ()  # talkers whose tracked motion is left out
-    hidden: int = 48
+    hidden: int = 32
     steps: int = 3000
     batch: int = 16
     frames: int = 100
     rate: float = 2e-3
-    contact_weight: float = 8.0
+    contact_weight: float = 4.0
     gap_weight: float = 0.2  # per mm^2
     spread_weight: float = 0.6  # per mm^2
     effort_weight: float = 0.02  # per mm^2 that the head moves the lips

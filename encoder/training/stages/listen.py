@@ -6,6 +6,7 @@ motion, and says half of the mouth; the blocks say the other half. Two that err 
 together.
 """
 
+import shutil
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -34,6 +35,7 @@ from sensors.types import InputError
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
 CHUNK = 20_000  # frames
+FITTED = ("share", "gain", "rules", "rest", "ridge", "versions")
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 
 
@@ -51,8 +53,8 @@ class ListenConfig:
     # .56, .7 .76 .60, .5 .76 .62, .3 .76 .63, 0 .74 .60; the more, the nearer to rule-made motion
     share: float = 0.6
     gain: float = 1.1  # of both: a mean of guesses moves less than people do
-    rules: float = 0.2  # weight of rule-made motion; more costs real talkers r
-    rest: float = 0.2  # weight of lips at rest amid music, noise, hands and wind
+    rules: float = 0.2  # weight of rule-made motion, against 1 of real talkers, who lose r by it
+    rest: float = 1.0  # weight of lips at rest: at .2 a fan moves them by 1.5 mm, at 1 by 1.1
     ridge: float = 3e-3
     versions: int = 2  # of each clip, each heard by other ears; of a rare talker's four times that
 
@@ -181,7 +183,9 @@ def run(config: ListenConfig, face: TrainingFace) -> None:
         "blocks": card["sha256"],
         "truth": TRUTH,
         "data": {**card.get("data", {}), **read_manifest(config.pack)["sources"]},
-        "direct": {k: getattr(config, k) for k in ("share", "gain", "rules", "rest", "ridge", "versions")},
+        "direct": {
+            k: getattr(config, k) for k in ("share", "gain", "rules", "rest", "ridge", "versions")
+        },
         "without": config.without,
         **kept,
         **dict(config.note),
@@ -197,6 +201,8 @@ def run(config: ListenConfig, face: TrainingFace) -> None:
     card |= {"config": asdict(sizes), "audio_model": card["audio_model"] | sha}
     card["audio_sha256"] = sha256
     _save(config.output / STUDENTS["eyes"], {k: v for k, v in weights.items() if k in own}, card)
+    for path in config.old.glob("eyes.*"):
+        shutil.copy(path, config.output)
     zero, card = checkpoint.load(config.old / "emotion", "emotion")
     zero = {k: v.astype(np.float16) if v.ndim > 1 else v for k, v in zero.items()}
     card["student_sha256"] = sha["sha256"]
