@@ -22,4 +22,5 @@ def announce(tell: Callable[[str], None]) -> None:
         def on_end(self, event: Any) -> None: ...
 
     announced: list[bool] = []
-    event.register("numba:compile", Listener())
+    events: Any = event  # its functions have no types
+    events.register("numba:compile", Listener())
