@@ -24,21 +24,25 @@ class Outgoing:
     """Media counts samples from the first that was heard, lost ones too."""
 
     def __init__(self, packer: Packer, send: Send) -> None:
-        self.origin_ns: int | None = None  # our clock at media 0
         self._packer, self._send, self._encoder = packer, send, OpusEncoder()
         self._sound = np.zeros(0, np.float32)  # not yet a whole packet
         self._at = 0  # media of its first sample
         self._first = 0  # the device's count at media 0
-        self._time = (0, 0)  # media and our clock of the newest sound
+        self._time: tuple[int, int] | None = None  # media and our clock of the newest sound
         self._marks = 0
         self._ticks: list[Ints] = []  # newest first
         self._newest = -1
         self._offset: int | None = None
 
+    @property
+    def origin_ns(self) -> int | None:
+        """Our clock at media 0, by the newest sound: a sound card's clock drifts."""
+        return self._time and self._time[1] - self._time[0] * NS // SAMPLE_RATE
+
     def speak(self, first: int, samples: Sound, t_ns: int, muted: bool) -> None:
         """Sound of the microphone, by the device's count and the time of its first sample."""
-        if self.origin_ns is None:
-            self.origin_ns, self._first = t_ns, first
+        if self._time is None:
+            self._time, self._first = (0, t_ns), first
         media, expected = first - self._first, self._at + len(self._sound)
         if not 0 <= media - expected <= MAX_GAP:  # the device began anew, or was away: by the clock
             passed = (t_ns - self._time[1]) * SAMPLE_RATE // NS
@@ -64,9 +68,7 @@ class Outgoing:
             self._ticks.clear()
         self._ticks = [fields, *self._ticks][: min(TICKS, tick.index + 1)]
         self._newest = tick.index
-        if self.origin_ns is None:
-            self.origin_ns, self._time = end_ns, (0, end_ns)
-        media, t_ns = self._time
+        media, t_ns = self._time = self._time or (0, end_ns)
         end = media + round((end_ns - t_ns) * SAMPLE_RATE / NS)
         offset = end - (tick.index + 1) * SAMPLES_PER_FRAME
         if self._offset is None or abs(offset - self._offset) > TOLERANCE:

@@ -33,6 +33,7 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
     assert "let in" in found["refused"]["no token"]
     for reports in found["reports"]:
         assert len(reports) == 2 and all(r["packets"] > 20 and not r["refused"] for r in reports)
+        assert all(r["mouth_to_ear_ms"] and r["cpu_share"] for r in reports)
 
 
 def test_the_configuration_holds_nothing_of_a_call_and_is_private(tmp_path: Path) -> None:

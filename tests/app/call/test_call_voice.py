@@ -120,3 +120,13 @@ def test_nan_of_our_own_face_is_told_and_not_sent() -> None:
     for index in range(3):
         call.tick(Tick(index, np.full(256, np.nan, np.float32), MATERIAL.gaze[0]), index)
     assert len(told) <= 3 and "finite" in told[0]
+
+
+def test_the_origin_follows_the_sound_cards_clock() -> None:
+    """Red before: a first packet that came late made every delay too short for good."""
+    outgoing = Outgoing(Packer(MATERIAL.basis), lambda *sent: None)
+    outgoing.speak(0, MATERIAL.sound[:480], 300 * MS, False)
+    outgoing.speak(480, MATERIAL.sound[:480], 310 * MS, False)
+    assert outgoing.origin_ns == 300 * MS
+    outgoing.speak(960, MATERIAL.sound[:480], 20 * MS + 7, False)  # it had been 300 ms late
+    assert outgoing.origin_ns == 7

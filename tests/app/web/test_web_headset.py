@@ -118,7 +118,6 @@ def test_an_emulated_headset_turns_and_moves_the_head(
             frame, head = run.until(came_ns)
             if time_ms >= moved_ms and after:
                 assert frame.head == packet.pose and frame.head_valid
-                assert frame.t_ns - came_ns <= TICK_NS
                 return head
             after = time_ms >= moved_ms
         raise AssertionError("no pose of the moved headset")
