@@ -74,24 +74,29 @@ def _names(folder: Path) -> list[str]:
     return sorted(path.stem.removeprefix(PREFIX) for path in folder.glob(f"{PREFIX}*.safetensors"))
 
 
+def path_of(name: str, folder: Path | None = None) -> Path:
+    """The file of an identity, by its name or FILE.safetensors; InputError naming those that
+    exist."""
+    if name.endswith(".safetensors"):
+        return Path(name)
+    if name in names(folder):
+        folder = folder or (weights_file.FOLDER if name in shipped() else user_folder())
+        return folder / f"{PREFIX}{name}.safetensors"
+    raise InputError(
+        f"avatar: expected one of {', '.join(names(folder)) or '(none)'} or a .safetensors "
+        f"file, got {name!r}; run: livedrive avatar list"
+    )
+
+
 def load(name: str, folder: Path | None = None) -> Identity:
     """Load one identity by its name, or from FILE.safetensors; its tensors are checked.
 
     Raises InputError naming the ones that exist.
     """
-    if name.endswith(".safetensors"):
-        path = Path(name).with_suffix("")
-    elif name in names(folder):
-        folder = folder or (weights_file.FOLDER if name in shipped() else user_folder())
-        path = folder / f"{PREFIX}{name}"
-    else:
-        raise InputError(
-            f"avatar: expected one of {', '.join(names(folder)) or '(none)'} or a .safetensors "
-            f"file, got {name!r}; run: livedrive avatar list"
-        )
+    path = path_of(name, folder)
     t, _ = weights_file.load(path, KIND)
-    avatar_check.check(t, path.with_suffix(".safetensors"))
-    name = path.name.removeprefix(PREFIX)
+    avatar_check.check(t, path)
+    name = path.stem.removeprefix(PREFIX)
     geometry = t["geometry"].astype(np.float32) / GEOMETRY_STEPS
     rest = Rest(geometry, t["eye_centers"], (t["reach_l"], t["reach_r"]), t["shut"])
     hair = Hair(

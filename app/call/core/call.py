@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.call.core.outgoing import Outgoing
+from app.call.core.parcel import Parcel, Receipt
 from app.call.core.partner import Partner
 from app.call.media.connection import Stream
 from app.call.media.opus import OpusDecoder
-from app.call.rooms.room import BYE, HELLO, Events, Room
+from app.call.rooms.room import AVATAR, BYE, HELLO, Events, Room
 from app.call.wire import agreement
 from app.call.wire.agreement import MAX_PEOPLE, Hello
 from app.call.wire.packet import Basis, MalformedError, Packer, Tick
@@ -55,6 +56,8 @@ class Call:
         self.partners: dict[str, Partner] = {}
         self.left: deque[Partner] = deque(maxlen=LEFT)
         self.room: Room | None = None
+        self.parcel: Parcel | None = None  # offered
+        self.files: dict[str, bytes] = {}  # avatars that have come, by digest
         self.sent_bytes = self.unsendable = 0
         self._keys = Keyring(secret, hello.identity)
         self._packer = Packer(basis)
@@ -93,6 +96,7 @@ class Call:
             now_ns=now_ns,
             origin_ns=self._outgoing.origin_ns or 0,
             met=tuple(p.identity for p in here),
+            has=tuple(self.files),
             hears=tuple(p.identity for p in here if p.is_heard(now_ns)),
             echoes=tuple((p.identity, p.hello.now_ns, p.hello_ns) for p in here if p.hello),
         )
@@ -107,6 +111,9 @@ class Call:
                 self._tell(f"{partner.hello.name} is gone")
                 partner.hello = None
         self.say_hello()
+        if self.parcel and self.room and agreement.may_send_file(self.hello, self._hellos()):
+            for part in self.parcel.parts():
+                self.room.say(AVATAR + part)
 
     def say_bye(self) -> None:
         if self.room is not None:
@@ -168,6 +175,8 @@ class Call:
         kind, body = message[:1], message[1:]
         if kind == BYE:
             self._leave(identity)
+        elif kind == AVATAR:
+            self._take_part(identity, body)
         elif kind == HELLO:
             try:
                 hello = agreement.read_hello(body)
@@ -191,10 +200,28 @@ class Call:
             self.partners[identity] = partner
         before, partner.hello, partner.hello_ns = partner.hello, hello, self._now_ns()
         if before is None or identity not in self.hello.met:
-            self._tell(f"{hello.name} is here")
+            self._tell(f"{hello.name} is here{agreement.offer_of(hello)}")
             self.say_hello()
         elif before.met != hello.met or before.accepted != hello.accepted:
             self.say_hello()
+
+    def _take_part(self, identity: str, part: bytes) -> None:
+        """Of an avatar's file that somebody here agreed to take."""
+        partner = self.partners.get(identity)
+        hello = partner.hello if partner else None
+        if partner is None or hello is None or not self.hello.takes_avatars:
+            return
+        if not hello.parcel or hello.parcel in self.files:
+            return
+        if partner.receipt is None or partner.receipt.digest != hello.parcel:
+            partner.receipt = Receipt(hello.parcel, hello.parcel_bytes)
+        try:
+            data = partner.receipt.add(part)
+        except MalformedError as error:
+            self._tell_once(hello.name, str(error))
+        else:
+            if data is not None and len(self.files) < MAX_PEOPLE:
+                self.files[hello.parcel] = data
 
     def _leave(self, identity: str) -> None:
         partner = self.partners.pop(identity, None)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from app.call.core.parcel import Receipt
 from app.call.media.face import end_of, note
 from app.call.media.timeline import Timeline
 from app.call.media.voice import VoiceDecoder, VoiceTrack
@@ -57,6 +58,7 @@ class Partner:
         self.counts = PartnerCounts()
         self.timeline = Timeline()
         self.voice = VoiceTrack(self.timeline, decoder)
+        self.receipt: Receipt | None = None  # of the avatar's file that comes
         self.problem = ""  # the last thing refused, in one line
         self.heard_ns = -HEARD_NS  # when voice last came
         self.came_ns = 0  # when anything last came

@@ -6,6 +6,7 @@ Microphone -> CallMicrophone (own thread, every few ms) -> call's process
 
 import json
 import subprocess
+import tempfile
 import threading
 from collections import deque
 from collections.abc import Callable
@@ -43,6 +44,8 @@ class CallLink:
         self.muted = self.eyes_muted = False
         self.on_played: Callable[[bytes], None] | None = None
         self._tell = tell
+        self._avatars = tempfile.TemporaryDirectory(prefix="livedrive-call-")
+        settings = replace(settings, avatars=self._avatars.name)
         self._socket, theirs = pair()
         self._lock = threading.Lock()
         self._process = child.start("app.call", settings, [self.seats.handle], theirs)
@@ -93,6 +96,7 @@ class CallLink:
             self._process.wait()
         self.read()
         self._socket.close()
+        self._avatars.cleanup()
 
     def _take(self, kind: bytes, body: bytes) -> None:
         if kind == protocol.PLAYED:

@@ -40,6 +40,8 @@ class CallSettings:
     listen: str = "0.0.0.0"
     port: int = 0
     address: str = ""  # that the invite names and media is offered at; empty: found out
+    avatar_file: str = ""  # that is offered
+    avatars: str = ""  # folder for those that come
     speaker: str | None = None  # name or part of it, or none
     accept: bool = False  # without asking
     ice_servers: tuple[str, ...] = ()

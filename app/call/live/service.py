@@ -11,13 +11,16 @@ import threading
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime
+from pathlib import Path
 
 import numpy as np
 
 from app.call.core.call import Call, Sight, new_identity
+from app.call.core.parcel import Parcel
 from app.call.core.status import report_of, status_lines
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
+from app.call.live.shelf import Shelf
 from app.call.live.speaker import Speaker
 from app.call.media.connection import bind_only
 from app.call.media.voice import PULL
@@ -48,7 +51,7 @@ class Service:
         self._lock = threading.Lock()  # the loudspeaker asks from a thread of its own
         self._played = np.zeros(0, np.float32)
         self._call: Call | None = None
-        self._ended = False
+        self._shelf: Shelf | None = None
 
     async def run(self, settings: CallSettings) -> None:
         invite = parse(settings.invite) if settings.invite else None
@@ -65,6 +68,11 @@ class Service:
         call = self._call = Call(
             secret, hello, self._basis, self.tell, self._show, self._clock.now_ns
         )
+        if settings.avatar_file:
+            parcel = call.parcel = Parcel(Path(settings.avatar_file))
+            call.change(parcel=parcel.digest, parcel_bytes=len(parcel.packed))
+        if settings.avatars:
+            self._shelf = Shelf(Path(settings.avatars), self.tell)
         ended = asyncio.get_running_loop().create_future()
         asyncio.get_running_loop().add_reader(self._end, self._read, ended)
         room = await self._open_room(settings, secret, invite, call)
@@ -162,6 +170,9 @@ class Service:
                 call.step()
                 self._seat_partners(call)
                 lines = status_lines(call, self._clock.now_ns(), self._seats.seen())
+                files = dict(call.files)
+            if self._shelf is not None:
+                await asyncio.to_thread(self._shelf.keep, files)
             self._seats.lines = lines
             self._seats.may_record = call.may_record()
             await asyncio.sleep(TELL_S)
@@ -172,7 +183,8 @@ class Service:
             if row["identity"] and row["identity"].decode() not in here:
                 self._seats.leave(row["identity"].decode())
         for identity, hello in here.items():
-            self._seats.take(identity, hello.name, hello.avatar)
+            file = self._shelf.path(hello.parcel) if self._shelf else ""
+            self._seats.take(identity, hello.name, hello.avatar, file)
 
     def _show(self, sight: Sight, now_ns: int) -> None:
         self._seats.post(sight.identity, sight.tick, sight.due, now_ns)

@@ -6,7 +6,7 @@ from typing import Protocol
 
 from app.call.media.connection import Reroute, Stream
 
-BYE, HELLO, OFFER, ANSWER = b"B", b"H", b"O", b"A"  # first byte of a message
+BYE, HELLO, OFFER, ANSWER, AVATAR = b"B", b"H", b"O", b"A", b"V"  # first byte of a message
 
 
 @dataclass(frozen=True, kw_only=True)

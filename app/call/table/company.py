@@ -14,7 +14,7 @@ from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.types import FIELDS, Gaussians, Shine
-from sensors.types import HeadPose
+from sensors.types import HeadPose, InputError
 
 SPACING_MM = 300.0  # from head to head
 FIRST_MM = 340.0  # as wide as one head alone may be drawn
@@ -100,7 +100,7 @@ class Company:
             return own
         clouds = []
         for sitter, place in zip(sitters, places(self._follow(sitters)), strict=True):
-            tick, who = sitter.tick, self._avatar(sitter.avatar)
+            tick, who = sitter.tick, self._avatar(sitter)
             x, y, z = tick.head_mm.tolist()
             a, b, c, d = tick.head_wxyz.tolist()
             head = HeadPose((x, y, z), (a, b, c, d))
@@ -118,13 +118,18 @@ class Company:
             self._sizes[sitter.identity] = size + FOLLOW * (goal - size)
         return [self._sizes[s.identity] for s in sitters]
 
-    def _avatar(self, name: str) -> Identity:
-        """By a name that is known here: a partner names no file of this machine."""
+    def _avatar(self, sitter: Sitter) -> Identity:
+        """The file that was sent and checked, or a name that is known here: a partner names no
+        file of this machine."""
+        name = sitter.file or sitter.avatar
         if name not in self._avatars:
             if len(self._avatars) >= MAX_AVATARS:
                 self._avatars.clear()
-            known = name in identity.names()
-            self._avatars[name] = identity.load(name if known else FALLBACK)
+            known = sitter.file or name in identity.names()
+            try:
+                self._avatars[name] = identity.load(name if known else FALLBACK)
+            except (InputError, OSError):  # a process that may not read it, or it went
+                self._avatars[name] = identity.load(FALLBACK)
         return self._avatars[name]
 
 

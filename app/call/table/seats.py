@@ -36,6 +36,7 @@ SEAT = np.dtype(
         ("identity", "S32"),  # empty: nobody sits here
         ("name", "S160"),  # UTF-8
         ("avatar", "S160"),  # a name
+        ("file", "S400"),  # an avatar's file that was sent and checked, or nothing
         ("muted", "?"),
         ("level", "<f4"),  # of the voice
         ("posted", "<i8"),
@@ -77,7 +78,7 @@ class Seats:
     def may_record(self, agreed: bool) -> None:
         self._status["may_record"][0] = agreed
 
-    def take(self, identity: str, name: str, avatar: str) -> None:
+    def take(self, identity: str, name: str, avatar: str, file: str = "") -> None:
         """Sit down, or tell a new name; the eighth person finds no seat."""
         seat = self._seat(identity)
         if seat is None:
@@ -88,6 +89,7 @@ class Seats:
             seat["posted"], seat["anchor_ns"], seat["ticks"]["number"] = 0, 0, 0
             seat["seen"] = 0
         seat["name"], seat["avatar"] = name.encode(), avatar.encode()
+        seat["file"] = file.encode()
         seat["identity"] = identity.encode()
 
     def leave(self, identity: str) -> None:
@@ -140,6 +142,7 @@ class Sitter:
     identity: str
     name: str
     avatar: str
+    file: str  # of the avatar, where one was sent
     tick: Tick
     presence: float  # 0 gone .. 1 here
     level: float  # of the voice
@@ -167,10 +170,12 @@ class SeatReader:
             shown = face.pose(media, now_ns)
             row["seen"] = astuple(face.seen)
             if shown is not None:
-                name, avatar = (row[k].decode(errors="ignore") for k in ("name", "avatar"))
+                name, avatar, file = (
+                    row[k].decode(errors="ignore") for k in ("name", "avatar", "file")
+                )
                 level = float(row["level"])
                 found.append(
-                    Sitter(place, identity, name, avatar, shown.tick, shown.presence, level)
+                    Sitter(place, identity, name, avatar, file, shown.tick, shown.presence, level)
                 )
         return found
 

@@ -28,6 +28,10 @@ class Hello:
     eyes_muted: bool = False
     records: bool = False  # asks to record, and does so once everybody agrees
     may_record: bool = False  # agrees to be recorded
+    parcel: str = ""  # SHA-256 of an avatar's file that is offered
+    parcel_bytes: int = 0  # of it, packed
+    takes_avatars: bool = False  # agrees to be sent such files
+    has: tuple[str, ...] = ()  # files that have come
     origin_ns: int = 0  # this end's clock at its sample 0
     now_ns: int = 0  # this end's clock when this was written
     met: tuple[str, ...] = ()  # identities whose hello came
@@ -99,6 +103,19 @@ def may_receive(mine: Hello, theirs: Hello) -> bool:
 def may_record(mine: Hello, theirs: Collection[Hello]) -> bool:
     """What is said is written down only while everybody present agrees."""
     return mine.records and len(theirs) > 0 and all(t.may_record for t in theirs)
+
+
+def may_send_file(mine: Hello, theirs: Iterable[Hello]) -> bool:
+    """Somebody who accepted the call agreed to be sent the avatar's file, and lacks it."""
+    return any(
+        may_receive(mine, t) and t.takes_avatars and mine.parcel not in t.has for t in theirs
+    )
+
+
+def offer_of(theirs: Hello) -> str:
+    """What is told of the file that they offer."""
+    size = f"{theirs.parcel_bytes / 1e3:.0f} kB"
+    return f" and offers the file of an avatar, {size}: a takes it" if theirs.parcel else ""
 
 
 def heard_by(mine: Hello, theirs: Iterable[Hello]) -> int:

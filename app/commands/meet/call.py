@@ -20,7 +20,10 @@ if TYPE_CHECKING:
     from app.call.live.link import CallLink
     from app.call.live.protocol import CallSettings
 
-KEYS = "y accepts, m mutes, e mutes the eyes, r agrees to be recorded, q leaves; then Enter"
+KEYS = (
+    "y accepts, m mutes, e mutes the eyes, r agrees to be recorded, a takes avatars that are "
+    "offered, q leaves; then Enter"
+)
 
 
 @dataclass(kw_only=True)
@@ -39,11 +42,19 @@ class CallOptions(LiveDriveOptions):
     """Accept who holds the invite without being asked."""
     ice: Annotated[tuple[str, ...], tyro.conf.arg(metavar="URL ...")] = ()
     """stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, where a direct line is not to be had."""
+    offer_avatar: bool = False
+    """Offer the avatar's file, 1 MB at most, to those who agree to take it."""
     record: Path | None = None
     """Record this end into this folder, once everybody has agreed."""
 
     def settings_of_call(self) -> "CallSettings":
         raise NotImplementedError
+
+    def file_of_avatar(self) -> str:
+        """Empty unless it is offered."""
+        from render.decoder import identity
+
+        return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
         settings = self.live_drive_settings("call")
@@ -106,6 +117,7 @@ class Host(CallOptions):
         return CallSettings(
             name=self.name or getpass.getuser(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
+            avatar_file=self.file_of_avatar(),
             room=self.room,
             server=self.server,
             server_key=files.read_text(self.key).strip() if self.key else "",
@@ -136,6 +148,7 @@ class Join(CallOptions):
         return CallSettings(
             name=self.name or getpass.getuser(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
+            avatar_file=self.file_of_avatar(),
             invite=self.invite,
             speaker=self.speaker,
             accept=self.accept,
@@ -160,6 +173,8 @@ def listen_to_keys(link: "CallLink", stop: Any) -> None:
                 link.change(eyes_muted=not link.eyes_muted)
             elif word == "r":
                 link.change(may_record=True)
+            elif word == "a":
+                link.change(takes_avatars=True)
             elif word == "q":
                 stop()
                 return

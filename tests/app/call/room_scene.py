@@ -165,7 +165,7 @@ def scene(count: int, seconds: float) -> dict[str, object]:
     time.sleep(1)
     people += [Person(invite, f"P{k}", 0.05 * (k == 1)) for k in range(1, count)]
     try:
-        met_s = all_together(people, 90)
+        met_s = all_together(people, 150)
         lowest = watched(people, seconds)
         false = {
             "wrong secret": replace(invite, secret=bytes(16)),
@@ -178,7 +178,7 @@ def scene(count: int, seconds: float) -> dict[str, object]:
         while any(person.sees for person in people):  # who sees nobody has noticed
             time.sleep(0.05)
         server = janus_server.start(folder, settings)
-        back_s = all_together(people, 60)
+        back_s = all_together(people, 120)
     except TimeoutError as error:
         raise SystemExit(f"{error}\n{(folder / 'janus.log').read_text()[-1500:]}") from None
     finally:

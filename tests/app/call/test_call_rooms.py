@@ -26,7 +26,7 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
     """Janus and namespaces are part of the set-up (make setup): without them this is a failure."""
     assert shutil.which("janus"), "run: sudo apt-get install janus"
     command = ["unshare", "--net", "--map-root-user", sys.executable, str(SCENE), "3", "3"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
     assert "secret" in found["refused"]["wrong secret"]

@@ -13,7 +13,7 @@ from web_client import Talker, psnr, serving, wait_until
 
 from app.drive.sink import FrameResult
 from app.web.headset_source import web_head
-from app.web.poses import MESSAGE
+from app.web.messages import MESSAGE
 from encoder.alive.alive import Alive
 from encoder.alive.face import Shapes
 from encoder.types import DrivenFrame
