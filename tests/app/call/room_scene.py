@@ -1,5 +1,4 @@
-"""Run inside a network namespace by test_call_rooms.py: a Janus server and people in a room, each
-in a process of their own that prints how many others it sees whenever that changes."""
+"""Run inside a network namespace by test_call_rooms.py: a Janus server and people in a room."""
 
 import asyncio
 import json
@@ -8,7 +7,6 @@ import secrets
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -54,84 +52,34 @@ class End:
     def _show(self, sight: Sight, now_ns: int) -> None:
         self.seen[sight.identity] = now_ns
 
-    def sees(self) -> int:
-        """How many others, within the last second."""
+    def sees(self, others: list["End"]) -> bool:
+        """All `others`, within the last second."""
         since = time.monotonic_ns() - 10**9
-        return sum(seen_ns > since for seen_ns in self.seen.values())
+        return all(self.seen.get(o.call.hello.identity, 0) > since for o in others)
 
 
-async def talk(end: End) -> None:
-    """Until the input closes."""
-    closed = asyncio.get_running_loop().run_in_executor(None, sys.stdin.read)
-    start_ns, block, told = time.monotonic_ns(), 0, 0
-    while not closed.done():
+async def talk(ends: list[End]) -> None:
+    start_ns, block = time.monotonic_ns(), 0
+    while True:
         block += 1
         await asyncio.sleep(max(0, (start_ns + block * 10**7 - time.monotonic_ns()) / 1e9))
         now_ns = time.monotonic_ns()
-        end.call.speak(block * 480, MATERIAL.sound[:480], now_ns)
-        if block % 3 == 0:
-            tick = Tick(block // 3, MATERIAL.expression[block % 60], MATERIAL.gaze[0])
-            end.call.tick(tick, now_ns)
-        end.call.pull(480, now_ns)
-        if block % 10 == 0 and end.sees() != told:
-            told = end.sees()
-            say({"sees": told})
-        if block % 100 == 0:
-            end.call.step()
+        for end in ends:
+            end.call.speak(block * 480, MATERIAL.sound[:480], now_ns)
+            if block % 3 == 0:
+                tick = Tick(block // 3, MATERIAL.expression[block % 60], MATERIAL.gaze[0])
+                end.call.tick(tick, now_ns)
+            end.call.pull(480, now_ns)
+            if block % 100 == 0:
+                end.call.step()
 
 
-async def take_part(secret: str, token: str, name: str, loss: float, admin_key: str) -> None:
-    bind_only(HOST)
-    invite = Invite("room", HOST, ServerSettings.port, bytes.fromhex(secret), b"", "choir", token)
-    end = End(invite, name, await lossy_leg(loss) if loss else LineSettings(), admin_key)
-    room = asyncio.create_task(end.room.run())
-    cpu_s, start_s = time.process_time(), time.monotonic()
-    await talk(end)
-    cpu_share = (time.process_time() - cpu_s) / (time.monotonic() - start_s)
-    room.cancel()
-    report = report_of(end.call, time.monotonic_ns(), {}, cpu_share)
-    say({"report": list(report.values()), "told": end.told})
-
-
-def say(value: dict[str, object]) -> None:
-    sys.stdout.write(json.dumps(value) + "\n")
-    sys.stdout.flush()
-
-
-class Person:
-    """One of these processes, and what it last said."""
-
-    def __init__(self, invite: Invite, name: str, loss: float = 0.0, admin_key: str = "") -> None:
-        words = [invite.secret.hex(), invite.token, name, str(loss), admin_key]
-        self.sees, self.last = 0, {}
-        self._process = subprocess.Popen(
-            [sys.executable, __file__, "end", *words],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-        )
-        self._reader = threading.Thread(target=self._read)
-        self._reader.start()
-
-    def leave(self) -> None:
-        assert self._process.stdin
-        self._process.stdin.close()
-        self._reader.join()
-
-    def _read(self) -> None:
-        assert self._process.stdout
-        for line in self._process.stdout:
-            self.last = json.loads(line)
-            self.sees = self.last.get("sees", self.sees)
-
-
-def all_together(people: list[Person], patience_s: float) -> float:
+async def all_together(ends: list[End], patience_s: float) -> float:
     """Seconds until everybody sees everybody."""
     start = time.monotonic()
-    while not all(person.sees == len(people) - 1 for person in people):
-        if time.monotonic() - start > patience_s:
-            raise TimeoutError([person.sees for person in people])
-        time.sleep(0.05)
+    async with asyncio.timeout(patience_s):
+        while not all(e.sees([o for o in ends if o is not e]) for e in ends):
+            await asyncio.sleep(0.1)
     return time.monotonic() - start
 
 
@@ -149,53 +97,47 @@ async def lossy_leg(loss: float) -> LineSettings:
     return LineSettings(reroute=reroute)
 
 
-def scene(count: int, seconds: float) -> dict[str, object]:
+async def scene(people: int, seconds: float) -> dict[str, object]:
+    bind_only(HOST)
     folder = Path(tempfile.mkdtemp())
     settings = ServerSettings(key=secrets.token_hex(16), host=HOST)
     server = janus_server.start(folder, settings)
-    time.sleep(2)
-    invite = janus_server.room_invite(
-        f"ws://{HOST}:{settings.port}",
-        "choir",
-        secrets.token_bytes(16),
-        settings.key,
-        int(time.time_ns() // 10**9),
-    )
-    people = [Person(invite, "Ann", admin_key=janus_server.admin_key(settings.key))]
-    time.sleep(1)
-    people += [Person(invite, f"P{k}", 0.05 * (k == 1)) for k in range(1, count)]
+    await asyncio.sleep(2)
+    token = janus_server.token(settings.key, int(time.time_ns() // 10**9))
+    invite = Invite("room", HOST, settings.port, secrets.token_bytes(16), b"", "choir", token)
+    admin = janus_server.admin_key(settings.key)
+    plain = LineSettings()
+    ends = [End(invite, "Ann", plain, admin)]
+    tasks = [asyncio.create_task(ends[0].room.run())]
+    await asyncio.sleep(1)
+    lines = [await lossy_leg(0.05), *[plain] * people]
+    ends += [End(invite, f"P{k}", lines[k - 1]) for k in range(1, people)]
+    tasks += [asyncio.create_task(end.room.run()) for end in ends[1:]]
+    tasks.append(asyncio.create_task(talk(ends)))
     try:
-        met_s = all_together(people, 150)
-        lowest = watched(people, seconds)
+        met_s = await all_together(ends, 60)
+        await asyncio.sleep(seconds)
         false = {
             "wrong secret": replace(invite, secret=bytes(16)),
             "no token": replace(invite, token="1,janus,janus.plugin.videoroom:AAAA"),
         }
-        bind_only(HOST)
-        refused = {name: asyncio.run(refusal(wrong)) for name, wrong in false.items()}
+        refused = {name: await refusal(wrong) for name, wrong in false.items()}
         server.kill()
         server.wait()
-        while any(person.sees for person in people):  # who sees nobody has noticed
-            time.sleep(0.05)
+        await asyncio.sleep(1)
         server = janus_server.start(folder, settings)
-        back_s = all_together(people, 120)
-    except TimeoutError as error:
-        raise SystemExit(f"{error}\n{(folder / 'janus.log').read_text()[-1500:]}") from None
+        back_s = await all_together(ends, 60)
+    except TimeoutError:
+        log = (folder / "janus.log").read_text()[-1500:]
+        raise SystemExit(
+            f"{[e.told for e in ends]}\n{[len(e.seen) for e in ends]}\n{log}"
+        ) from None
     finally:
-        for person in people:
-            person.leave()
+        for task in tasks:
+            task.cancel()
         server.kill()
-    found = {"met_s": met_s, "back_s": back_s, "refused": refused, "together": lowest}
-    return found | {"reports": [person.last["report"] for person in people]}
-
-
-def watched(people: list[Person], seconds: float) -> float:
-    """Share of the time in which everybody saw everybody."""
-    looks = [0, 0]
-    for _ in range(int(seconds * 20)):
-        looks[all(person.sees == len(people) - 1 for person in people)] += 1
-        time.sleep(0.05)
-    return looks[1] / max(sum(looks), 1)
+    reports = [list(report_of(end.call, time.monotonic_ns(), {}).values()) for end in ends]
+    return {"met_s": met_s, "back_s": back_s, "refused": refused, "reports": reports}
 
 
 async def refusal(invite: Invite) -> str:
@@ -210,10 +152,9 @@ async def refusal(invite: Invite) -> str:
 
 
 if __name__ == "__main__":
-    if sys.argv[1] == "end":
-        asyncio.run(take_part(*sys.argv[2:5], float(sys.argv[5]), sys.argv[6]))
-        os._exit(0)  # aiortc leaves tasks behind that complain
     for command in NETWORK:
         subprocess.run(command.split(), check=True)
-    say(scene(int(sys.argv[1]), float(sys.argv[2])))
-    os._exit(0)
+    result = asyncio.run(scene(int(sys.argv[1]), float(sys.argv[2])))
+    sys.stdout.write(json.dumps(result, default=float) + "\n")
+    sys.stdout.flush()
+    os._exit(0)  # aiortc leaves tasks behind that complain

@@ -26,14 +26,13 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
     """Janus and namespaces are part of the set-up (make setup): without them this is a failure."""
     assert shutil.which("janus"), "run: sudo apt-get install janus"
     command = ["unshare", "--net", "--map-root-user", sys.executable, str(SCENE), "3", "3"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=400)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300)
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
     assert "secret" in found["refused"]["wrong secret"]
     assert "let in" in found["refused"]["no token"]
     for reports in found["reports"]:
         assert len(reports) == 2 and all(r["packets"] > 20 and not r["refused"] for r in reports)
-        assert all(r["mouth_to_ear_ms"] and r["cpu_share"] for r in reports)
 
 
 def test_the_configuration_holds_nothing_of_a_call_and_is_private(tmp_path: Path) -> None:
