@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from render.types import Gaussians, Renderer
 
 Light = Literal["studio", "soft", "evening", "rim"]
-Sheet = Literal["poses", "views", "speech", "eyes", "moods", "lights"]
+Sheet = Literal["portrait", "poses", "views", "speech", "eyes", "moods", "lights"]
 Pose = Literal["neutral", "smile", "jaw open", "blink", "gaze", "profile"]
 
 

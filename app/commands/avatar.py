@@ -30,11 +30,11 @@ class ShowAvatar:
     name: Positional[str]
     """An avatar, "all" for a sheet of everyone, or a static head: FILE.ply."""
     picture: Path
-    """PNG to write."""
+    """PNG or JPEG to write."""
     size: int = 512
     """Width and height of each view, in pixels."""
     sheet: Sheet = "poses"
-    """Which pictures: of poses, views, speech, eyes, moods or lights; six, or four lights."""
+    """Which pictures: one portrait, four lights, or six poses, views, words, eyes or moods."""
     light: Light = "studio"
     traverse: bool = False
     """Instead: draws from the prior, and its widest dimensions from -2 to 2 deviations."""

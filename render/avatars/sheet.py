@@ -76,7 +76,15 @@ MOODS: dict[str, Pose] = {
         {**_both(browInnerUp=0.9, eyeWide=0.7, mouthStretch=0.5), "jawOpen": 0.15}, AHEAD, 0.0,
     ),
 }  # fmt: skip
-SHEETS = {"poses": POSES, "views": VIEWS, "speech": SPEECH, "eyes": EYES, "moods": MOODS}
+PORTRAIT: dict[str, Pose] = {"portrait": ({}, AHEAD, 15.0)}
+SHEETS = {
+    "portrait": PORTRAIT,
+    "poses": POSES,
+    "views": VIEWS,
+    "speech": SPEECH,
+    "eyes": EYES,
+    "moods": MOODS,
+}
 
 
 def code(decoder: Decoder, activations: dict[str, float]) -> NDArray[np.float32]:  # [256]

@@ -22,7 +22,7 @@ from render.training.look.brows import Brows
 from render.types import Floats
 
 BALD, BUZZ = "bald", "buzz"
-HANGING = ("long01",)  # styles that cover ears and nape without touching them
+HANGING = ("long01", "afro01")  # styles that hide skin without touching it
 
 
 @dataclass(frozen=True)

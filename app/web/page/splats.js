@@ -96,7 +96,7 @@ void main() {
   float p = sqrt(HALF_LOG2_E / max(xx - k * k * yy, 1e-6));
   float r = sqrt(HALF_LOG2_E / yy);
   float thickness = max(min(scale.x, scale.y), min(max(scale.x, scale.y), scale.z));
-  float px = thickness * focal.x * inverse;
+  float px = length(modelView[0].xyz) * thickness * focal.x * inverse;  // a headset's are metres
   bool strand = max(max(scale.x, scale.y), scale.z) > STRAND * thickness;
   float opacity = strand ? shown.a * sqrt(px * px / (px * px + LOW_PASS)) : shown.a;
   float log2_opacity = log2(clamp(opacity, 1e-6, MAX_ALPHA));
