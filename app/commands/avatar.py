@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from app.avatars.pictures import Light, Pose, Sheet
+from app.terminal.arguments import File, Name
 from render.types import Density
 
 
@@ -93,11 +94,11 @@ class CreateAvatar:
     """Skin atlas: face in the left half, back of the head in the right; 2:1, opaque."""
     eye: str = "brown"
     """Colour of the eyes: blue, brown, brownlight, green or grey."""
-    hair: str | None = None
+    hair: Name = None
     """Avatar whose hair is worn; bald without."""
-    beard: str | None = None
+    beard: Name = None
     """Avatar whose beard is worn; shaven without."""
-    out: Path | None = None
+    out: File = None
     """Folder to write to; default: your avatars, which --avatar NAME finds."""
     replace: bool = False
     """Replace an avatar of yours that has this name."""

@@ -7,6 +7,8 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
+from app.terminal.arguments import File
+
 What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers"]
 
 
@@ -36,11 +38,11 @@ class Bench:
     """How many damaged inputs (fuzz)."""
     processes: int = 1
     """That share them (fuzz)."""
-    keep: Path | None = None
+    keep: File = None
     """Folder for what is done and what escaped: the same command goes on there (fuzz)."""
     seed: int = 0
     """Of the damage (fuzz), of untrained weights (peers)."""
-    report: Path | None = None
+    report: File = None
     """Write the metrics as JSON."""
 
     def run(self) -> None:

@@ -1,11 +1,11 @@
 """`livedrive calibrate`: ten seconds in which the eyes are told apart from the average."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from app.terminal.arguments import File
 from sensors.types import InputError
 
 
@@ -18,9 +18,9 @@ class Calibrate:
 
     eyes: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SPEC ...")] = ()
     """Cameras, as for livedrive run."""
-    session: Path | None = None
+    session: File = None
     """Instead of cameras: a session recorded while following the targets."""
-    out: Path | None = None
+    out: File = None
     """File to write; default: your profile."""
     undo: bool = False
     """Go back to what was before the last calibration; once more: forward again."""

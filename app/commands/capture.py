@@ -12,6 +12,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+from app.terminal.arguments import Amount, File, Name, Number
 from sensors.types import InputError
 
 
@@ -22,31 +23,31 @@ class Capture:
     words: Positional[tuple[str, ...]]
     """DIR to make a data set; or inspect, statistics, calibrate or session, and DIR."""
     preset: Literal["debug", "default", "full"] = "default"
-    subjects: int | None = None
+    subjects: Number = None
     """Rule-made subjects; default: as the preset."""
-    hours: float | None = None
+    hours: Amount = None
     """Hours of the rule-made subjects together; default: as the preset."""
     eyes: int = 0
     """Pairs of eye pictures to render beside the curves, e.g. 40000."""
     wide_eyes: int = 0
     """Pairs in headsets of all kinds, for `train wide-eyes`, e.g. 12000."""
-    speech: Path | None = None
+    speech: File = None
     """Folder of real speech with a transcripts.tsv, e.g. of LibriSpeech."""
-    mocap: Path | None = None
+    mocap: File = None
     """Folder of tracked faces."""
-    takes: Path | None = None
+    takes: File = None
     """Folder of your own NAME.wav with NAME.csv (Live Link Face)."""
     seed: int = 0
     processes: int = 2
-    picture: Path | None = None
+    picture: File = None
     """inspect, statistics, calibrate: write a picture, e.g. p.png."""
-    report: Path | None = None
+    report: File = None
     """statistics, calibrate: write the metrics, e.g. r.json."""
-    subject: str | None = None
+    subject: Name = None
     """inspect: whose clip; default: the first."""
     clip: int = 0
     """inspect: which clip of the subject."""
-    video: Path | None = None
+    video: File = None
     """inspect: also write the clip as a video, e.g. clip.mp4."""
     text: tuple[str, ...] = ()
     """session: sentences to say."""
@@ -54,7 +55,7 @@ class Capture:
     """session: flite voice slt, rms, awb or kal16."""
     avatar: str = "ben"
     """inspect, session: whose face."""
-    seconds: float | None = None
+    seconds: Amount = None
     """session: cut to this length."""
 
     def run(self) -> None:

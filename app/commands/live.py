@@ -10,6 +10,7 @@ import tyro
 
 from app.commands.options import DriveOptions
 from app.compose.settings import DriveSettings, LiveSettings
+from app.terminal.arguments import Amount
 from sensors.cameras import table
 from sensors.head import spec as heads
 from sensors.types import InputError
@@ -42,7 +43,7 @@ class LiveOptions:
             "else synth.",
         ),
     ] = "auto"
-    seconds: float | None = None
+    seconds: Amount = None
     """End by itself after so much sound."""
 
     def live_settings(self) -> LiveSettings:

@@ -1,7 +1,6 @@
 """What `replay` and `run` share: who is driven and how, what is drawn, what is written or sent."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Annotated, Literal
 
 import tyro
@@ -9,6 +8,7 @@ import tyro
 from app.compose.settings import DriveSettings, FileSettings, HeadMode, NetworkSettings
 from app.sinks import table
 from app.terminal import confirm
+from app.terminal.arguments import File
 from render.types import Density
 
 
@@ -16,21 +16,21 @@ from render.types import Density
 class DriveOptions:
     """Options of every command that drives the head."""
 
-    video: Path | None = None
+    video: File = None
     """Write a video with sound, e.g. out.mp4."""
-    pictures: Path | None = None
+    pictures: File = None
     """Write PNG pictures into this folder."""
     every: int = 30
     """Frames from one picture, PLY or glTF to the next."""
-    motion: Path | None = None
+    motion: File = None
     """Write codes, gaze, blendshapes and vertices, e.g. out.npz."""
-    arkit: Path | None = None
+    arkit: File = None
     """Write a Live Link Face table, e.g. out.csv."""
-    ply: Path | None = None
+    ply: File = None
     """Write the Gaussians of every n-th frame into this folder, as PLY."""
-    gltf: Path | None = None
+    gltf: File = None
     """Write the Gaussians of every n-th frame into this folder, as glTF."""
-    report: Path | None = None
+    report: File = None
     """Write timings and settings, e.g. out.json."""
     window: bool = False
     """Show the head in a window; F1 there lists the keys."""
@@ -45,7 +45,7 @@ class DriveOptions:
     emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
     """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
     A replay shows what was recorded unless this is given."""
-    clip: Path | None = None
+    clip: File = None
     """Folder of a CLIP model, to understand other words for --emotion."""
     listen: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
     """UDP port on this machine for OSC messages /livedrive/emotion happy:0.7."""
@@ -61,7 +61,7 @@ class DriveOptions:
         tuple[str, ...],
         tyro.conf.arg(metavar="URL ...", help=f"Send the face to programs: {table.HELP}."),
     ] = ()
-    gains: Path | None = None
+    gains: File = None
     """JSON of gains and limits for --send: {"jawOpen": {"gain": 1.4, "low": 0, "high": 0.9}}."""
     web: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
     """Serve a page with the live head, also for a headset, e.g. --web 8443."""

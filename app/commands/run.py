@@ -2,9 +2,9 @@
 
 import shlex
 from dataclasses import dataclass
-from pathlib import Path
 
 from app.commands.live import LiveDriveOptions, ends_on_signals
+from app.terminal.arguments import File
 
 
 @dataclass(kw_only=True)
@@ -14,7 +14,7 @@ class Run(LiveDriveOptions):
     Options that you always give can stand in ~/.config/livedrive/run.toml, e.g. mic = "Beyond".
     """
 
-    record: Path | None = None
+    record: File = None
     """Record a session into this folder, to be replayed to the same codes."""
 
     def run(self) -> None:

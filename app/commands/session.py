@@ -11,6 +11,8 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional, subcommand
 
+from app.terminal.arguments import File
+
 
 @contextmanager
 def seconds_bar(what: str) -> Generator[Callable[[float], object]]:
@@ -28,9 +30,9 @@ class CreateSession:
 
     folder: Positional[Path]
     """Folder to create."""
-    audio: Path | None = None
+    audio: File = None
     """A wav, flac, ogg, mp3, m4a, ... or the sound of a video; it becomes 48 kHz mono."""
-    livelink: Path | None = None
+    livelink: File = None
     """Live Link Face CSV that began with the sound: kept beside it as motion.npz."""
     eyes: tuple[Path, ...] = ()
     """Videos of the left and of the right eye, or one that shows both side by side."""

@@ -6,6 +6,7 @@ from typing import Literal
 
 from tyro.conf import Positional
 
+from app.terminal.arguments import Amount, File, Number
 from app.train.settings import Preset, Stage, TrainSettings, Variant
 
 
@@ -28,27 +29,27 @@ class Train:
     leave_out: tuple[str, ...] = ()
     """diffusion, distill, listen, contact: talkers whose motion is not learned from, e.g. grid-s2;
     weights go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
-    teacher: Path | None = None
+    teacher: File = None
     """audio: the viseme network's ONNX file, which teaches of voices without text."""
-    phones: Path | None = None
+    phones: File = None
     """listen: folder of a phonetic encoder that `train audio --out` wrote; default: the shipped."""
     resume: bool = False
     """Go on from the last state of this run."""
-    start: Path | None = None
+    start: File = None
     """Folder with weights of the same shapes to start from; listen: with the chain to extend;
     contact and emotion: with the student to extend; emotion: and with convolutions to go on from
     where it has some."""
-    steps: int | None = None
+    steps: Number = None
     """Instead of the preset's."""
     face: Path = Path("face")
     """prior: folder of the face data."""
-    take: Path | None = None
+    take: File = None
     """prior: a Live Link Face table; its first part is learned from, the rest is held out."""
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
-    stream_minutes: float | None = None
+    stream_minutes: Amount = None
     """Minutes of sound that a stage after audio learns from, instead of its own."""
-    out: Path | None = None
+    out: File = None
     """Where weights go; default: beside the code, where the app looks for them."""
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"

@@ -11,15 +11,17 @@ WORDS = "compiling a few loops for this machine, once: up to a minute"
 def announce(tell: Callable[[str], None]) -> None:
     """From now on `tell` gets the line before the first loop that no earlier run has compiled;
     asked again with the same `tell`, nothing changes."""
-    from numba.core import event
+    from numba.core import event as numba_event
+
+    event: Any = numba_event  # which has no types
 
     class Listener(event.Listener):
-        def on_start(self, event: Any) -> None:
+        def on_start(self, compiling: Any) -> None:
             if not announced:
                 announced.append(True)
                 tell(WORDS)
 
-        def on_end(self, event: Any) -> None: ...
+        def on_end(self, compiling: Any) -> None: ...
 
     announced: list[bool] = []
     events: Any = event  # its functions have no types

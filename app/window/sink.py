@@ -19,7 +19,7 @@ from app.process import child
 from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import NS, Clock, InputError
 
-START_S, END_S = 30, 3  # patience with a window that opens, or closes
+START_S, END_S = 120, 3  # patience with a window that compiles and opens, or closes
 
 
 class PanelTape(Protocol):

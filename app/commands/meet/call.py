@@ -13,6 +13,7 @@ from tyro.conf import Positional, subcommand
 from app.commands.live import LiveDriveOptions, ends_on_signals
 from app.commands.meet.server import Server, Test
 from app.compose.call import SoundSettings, Switch
+from app.terminal.arguments import File
 from sensors import files
 from sensors.types import InputError
 
@@ -44,7 +45,7 @@ class CallOptions(LiveDriveOptions):
     """stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, where a direct line is not to be had."""
     offer_avatar: bool = False
     """Offer the avatar's file, 1 MB at most, to those who agree to take it."""
-    record: Path | None = None
+    record: File = None
     """Record this end into this folder, once everybody has agreed."""
 
     def settings_of_call(self) -> "CallSettings":
@@ -106,7 +107,7 @@ class Host(CallOptions):
     """Open a room of 2 to 8 people on a Janus server."""
     server: str = ""
     """That server: ws://HOST:PORT or wss://HOST:PORT."""
-    key: Path | None = None
+    key: File = None
     """File with the server's key, as `livedrive call server` wrote it."""
 
     def settings_of_call(self) -> "CallSettings":

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
+from app.terminal.arguments import File
 from sensors import files
 from sensors.types import InputError
 
@@ -72,7 +73,7 @@ class Test:
     """Of each line."""
     lines: tuple[int, ...] = (0, 1, 2, 3)
     """Which lines: 0 clean, 1 with 1 %% loss, 2 with 5 %%, 3 in bursts."""
-    report: Path | None = None
+    report: File = None
     """Write the figures as JSON."""
 
     def run(self) -> None:
