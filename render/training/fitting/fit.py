@@ -41,8 +41,8 @@ VIEWS = 3  # of each person
 SIDE_SHARE = 0.2  # of the views lie anywhere around the head, the others in front
 WIDTH, OPACITY = 1.0, 0.98  # of the widths that places were given
 FIRST = (0.5, 0.5, 0.0, 0.0)  # of the levels of a texture
-# Factors of the widths: on the face, where a layer below closes the gaps, elsewhere on it, in eyes.
-NARROW, FACE, EYES = 0.40, 0.86, 0.66
+# Factors of the widths: on the face, where a layer below closes the gaps, and elsewhere on it.
+NARROW, FACE = 0.40, 0.86
 ROUNDS, RIDGE = 4, 1e-4
 # Least squares would rather blur than err: the blends go further the same way, until the detail of
 # a picture has the energy of its truth.
@@ -95,7 +95,6 @@ class Studio:
         near &= (kinds == mesh_parts.SKIN) & ~thick & ~lids
         widths[thick] *= NARROW
         widths[near] *= FACE
-        widths[kinds == mesh_parts.EYE] *= EYES
         bare = replace(bare, scales=widths)
         self.widths = bare.scales
         self.opacities = np.full(len(kinds), OPACITY, np.float32)
