@@ -23,7 +23,7 @@ def test_loss_is_what_never_came_in_any_order() -> None:
 
 def test_who_draws_a_face_tells_how_it_came() -> None:
     seats = Seats()
-    reader = SeatReader(Seats(seats.descriptor))
+    reader = SeatReader(Seats(seats.handle))
     seats.take("ann", "Ann", "ada")
     for i in (0, 1, 2, 6, 7, 8):  # three ticks never come
         seats.post("ann", Tick(i, np.zeros(256, np.float32), AHEAD), end_of(i, 0), NS)
