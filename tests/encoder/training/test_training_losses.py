@@ -131,5 +131,5 @@ def test_fed_causally_hears_nothing_ahead():
     later = audio.clone()
     later[800 * 5 :] = 0
     a, b = (fed_causally(encoder, x, 800) for x in (audio, later))
-    assert a.shape == (frames, 4 * encoder.config.width)
+    assert a.shape == (frames, encoder.config.frame_width)
     assert torch.equal(a[:5], b[:5]) and not torch.allclose(a[5], b[5])
