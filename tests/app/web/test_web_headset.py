@@ -5,6 +5,7 @@ from dataclasses import replace
 from math import radians
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -63,7 +64,8 @@ class Run:
         """What came since: the page's time in ms, when it came here, and what was made of it."""
         self.talker.link.read()
         came = [(MESSAGE.unpack(m)[0], t_ns) for t_ns, m in self.talker.link.poses]
-        packets = [p for p in self.source.poll() if isinstance(p, HeadPacket)]
+        with patch.object(self.talker.link, "read"):  # what comes meanwhile is of the next call
+            packets = [p for p in self.source.poll() if isinstance(p, HeadPacket)]
         assert len(came) == len(packets)
         return [(*row, packet) for row, packet in zip(came, packets, strict=True)]
 
