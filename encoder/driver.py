@@ -101,7 +101,7 @@ class Driver:
                 driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
                 return replace(driven, eye_frames=eye_frames), after
             assert isinstance(state.alive, AliveState)
-            made = isinstance(state.gaze, WalkState)
+            made = isinstance(state.gaze, WalkState) and frame.gaze is None
             shown, alive = self.alive.step(frame, expression, gaze, made, state.seed, state.alive)
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
         return driven, replace(after, alive=alive)
@@ -128,7 +128,11 @@ class Driver:
         """The denoiser's condition, gaze [2, 3], and the state after it."""
         if isinstance(state.gaze, WalkState):
             with timer("gaze"):
-                gaze, _, walk = GazeWalk(self.graph, state.seed).step(state.gaze)
+                walker = GazeWalk(self.graph, state.seed)
+                if frame.gaze is not None:  # a headset says where the eyes look
+                    gaze = np.array([frame.gaze] * 2, np.float32)
+                    return gaze.reshape(-1), gaze, walker.near(gaze, state.gaze)
+                gaze, _, walk = walker.step(state.gaze)
             return gaze.reshape(-1), gaze, walk
         assert self.eyes is not None and isinstance(state.gaze, EyeState)
         with timer("eyes"):

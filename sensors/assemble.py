@@ -151,6 +151,7 @@ class Assembler:
                 head=head,
                 head_valid=head_valid,
                 head_age_ns=head_age_ns,
+                gaze=self._pose.gaze if self._pose and head_valid else None,
             )
         )
         self._index += 1

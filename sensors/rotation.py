@@ -34,6 +34,15 @@ def checked(position: Sequence[float], quat: Sequence[float]) -> HeadPose:
     return HeadPose((x, y, z), (a, b, c, d))
 
 
+def direction(vector: Sequence[float]) -> Vector:
+    """A direction from elsewhere, of length 1; raise ValueError unless it is one."""
+    x, y, z = map(float, vector)
+    length = sqrt(x * x + y * y + z * z)
+    if not LENGTHS[0] <= length <= LENGTHS[1]:
+        raise ValueError(f"direction {vector}")
+    return (x, y, z) if abs(length - 1) <= NEAR else (x / length, y / length, z / length)
+
+
 def multiply(p: Quat, q: Quat) -> Quat:
     """First q, then p."""
     a, b, c, d = p

@@ -69,6 +69,7 @@ class HeadPacket:
     t_ns: int
     pose: HeadPose
     valid: bool = True  # False: the tracker says itself that it has lost the head
+    gaze: tuple[float, float, float] | None = None  # unit, in the head's axes: both eyes' aim
 
 
 Packet = AudioPacket | EyePacket | EmotionPacket | HeadPacket
@@ -89,6 +90,7 @@ class SensorFrame:
     head: HeadPose | None = None  # newest pose; None until the first
     head_valid: bool = False  # that pose is fresh enough to be trusted
     head_age_ns: int = -1  # t_ns minus the pose's time; -1 where there is none
+    gaze: tuple[float, float, float] | None = None  # that came with a valid pose; unit, in the head
 
 
 @dataclass(frozen=True)

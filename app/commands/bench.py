@@ -9,7 +9,9 @@ from tyro.conf import Positional
 
 from app.terminal.arguments import File
 
-What = Literal["tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers"]
+What = Literal[
+    "tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers", "xr"
+]
 
 
 @dataclass(kw_only=True)
@@ -58,6 +60,7 @@ class Bench:
             "fuzz": self._fuzz,
             "web": self._web,
             "peers": self._peers,
+            "xr": self._xr,
         }
         finish(measures[self.what](), self.report)
 
@@ -105,3 +108,8 @@ class Bench:
         from app.bench.network.web import measure_web
 
         return measure_web(self.session, self.avatar, self.minutes)
+
+    def _xr(self) -> dict[str, Any]:
+        from app.bench.xr import measure_xr
+
+        return measure_xr(self.avatar)

@@ -93,6 +93,16 @@ def _head_trackers() -> str:
     return f"none needed; --head also takes {EXAMPLES}"
 
 
+def _openxr() -> str:
+    from app.xr.runtimes.openxr import describe
+    from app.xr.runtimes.protocol import NoRuntimeError
+
+    try:
+        return describe()
+    except NoRuntimeError as error:
+        return f"none (only --xr needs it): {error}"
+
+
 def _usb() -> str:
     from sensors.cameras.discovery import check_usb_library
 
@@ -115,5 +125,6 @@ CHECKS: dict[str, Callable[[], str]] = {
     "USB": _usb,
     "eye cameras": _eye_cameras,
     "head trackers": _head_trackers,
+    "OpenXR": _openxr,
     "programs to send to": _programs,
 }

@@ -38,9 +38,9 @@ class LiveOptions:
         str,
         tyro.conf.arg(
             metavar="SPEC|still|synth|auto",
-            help=f"Where the head's pose comes from: {heads.HELP}; web: a headset at the --web "
-            "page; synth: from speech; still: no motion of its own; auto: the page's headset, "
-            "else synth.",
+            help=f"Where the head's pose comes from: {heads.HELP}; xr: the headset of --xr; web: "
+            "one at the --web page; synth: from speech; still: no motion of its own; auto: a "
+            "headset, else synth.",
         ),
     ] = "auto"
     seconds: Amount = None

@@ -5,11 +5,18 @@ from typing import Annotated, Literal
 
 import tyro
 
-from app.compose.settings import DriveSettings, FileSettings, HeadMode, NetworkSettings
+from app.compose.settings import (
+    DriveSettings,
+    FileSettings,
+    HeadMode,
+    NetworkSettings,
+    XrMode,
+)
 from app.sinks import table
 from app.terminal import confirm
 from app.terminal.arguments import File
 from render.types import Density
+from sensors.types import InputError
 
 
 @dataclass(kw_only=True)
@@ -34,6 +41,14 @@ class DriveOptions:
     """Write timings and settings, e.g. out.json."""
     window: bool = False
     """Show the head in a window; F1 there lists the keys."""
+    xr: Annotated[
+        tuple[Literal["auto", "headless"], ...] | None,
+        tyro.conf.arg(
+            metavar="[auto|headless]",
+            help="Show the head life-size in an OpenXR headset, which turns it; headless: the "
+            "headset's poses alone, while another program owns the display.",
+        ),
+    ] = None
     virtual_camera: Annotated[str | None, tyro.conf.arg(metavar="DEVICE|auto")] = None
     """Be a webcam for video calls: a v4l2loopback device like /dev/video10, or auto."""
     background: str = "studio"
@@ -68,6 +83,15 @@ class DriveOptions:
     host: str = "127.0.0.1"
     """Address for --web; beyond this machine (0.0.0.0: everywhere) it is https with a token."""
 
+    @property
+    def xr_mode(self) -> XrMode | None:
+        """The word after --xr; auto where there is none."""
+        if self.xr is None:
+            return None
+        if len(self.xr) > 1:
+            raise InputError(f"--xr: expected auto or headless, got {' '.join(self.xr)}; give one")
+        return self.xr[0] if self.xr else "auto"
+
     def settings(
         self,
         *,
@@ -98,6 +122,7 @@ class DriveOptions:
             background=self.background,
             virtual_camera=self.virtual_camera,
             window=self.window,
+            xr=self.xr_mode,
             title=title,
             files=FileSettings(
                 video=self.video,

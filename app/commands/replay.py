@@ -35,8 +35,9 @@ class Replay(DriveOptions):
     """At the pace of the recording; late pictures are dropped, steps never."""
 
     def run(self) -> None:
-        if self.fast and (self.realtime or self.window):
-            other = "--realtime" if self.realtime else "--window"
+        shown = self.window or self.xr is not None
+        if self.fast and (self.realtime or shown):
+            other = "--realtime" if self.realtime else "--window" if self.window else "--xr"
             raise InputError(f"pace: expected --fast or {other}, got both; give one")
         from app.compose.replay import replay
         from app.compose.report import finish
@@ -52,7 +53,7 @@ class Replay(DriveOptions):
             return
         networked = bool(self.send) or self.web is not None
         settings = self.settings(
-            realtime=self.realtime or self.window or (networked and not self.fast),
+            realtime=self.realtime or shown or (networked and not self.fast),
             # Codes alone need no picture; --realtime always draws, as a live run does.
             draw=self.realtime or self.report is not None,
             title="/".join(self.session.parts[-2:]),

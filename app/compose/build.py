@@ -7,7 +7,7 @@ source of frames, another view, another panel.
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
-from app.compose.live import open_page, tell
+from app.compose.live import open_page, open_xr, tell
 from app.compose.settings import DriveSettings, FileSettings, HeadMode
 from app.drive import background
 from app.drive.emotion import EmotionControl, said_with
@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from app.drive.tape import Tape
     from app.web.sink import WebSink
     from app.window.sink import WindowSink
+    from app.xr.sink import XrSink
     from encoder.alive.alive import Alive
     from encoder.driver import Driver
     from encoder.eyes.calibration import EyeCalibration
@@ -56,6 +57,7 @@ def build(
     sinks: Sequence[Sink] = (),  # beside those of the settings
     tape: "Tape | CallTape | None" = None,  # what the window's button starts and stops
     page: "WebSink | None" = None,  # already open; else the settings open one
+    xr: "XrSink | None" = None,  # the same
     seats: "Seats | None" = None,  # of a call: partners are drawn too
 ) -> Drive:
     """All parts of a run; sinks and source are opened by `drive`."""
@@ -69,7 +71,7 @@ def build(
     frames = source.info.num_frames
     stages, emotions = Stages(), _emotion_control(settings, driver)
     driver.alive = _alive(settings.head, decoder)
-    page = page or open_page(settings, clock)
+    page, xr = page or open_page(settings, clock), xr or open_xr(settings, clock)
     outlet = Outlet(decoder, settings.avatar, clock, settings.network.gains)
     network = [*open_all(settings.network.send, outlet), *([page] if page else [])]
     window = _window(settings, emotions, driver, clock, stages, tape, frames, seats)
@@ -84,6 +86,7 @@ def build(
             *sinks,
             *network,
             *([window] if window else []),
+            *([xr] if xr else []),
         ],
         view=view,
         panel=window,

@@ -11,6 +11,7 @@ SOUND_BYTES_S, EYE_BYTES_S = 4 * SAMPLE_RATE, 1.8e6  # an eye: FFV1 at 30 Hz, me
 
 if TYPE_CHECKING:
     from app.web.sink import WebSink
+    from app.xr.sink import XrSink
     from sensors.head.source import HeadSource
     from sensors.live.recorder import LiveRecorder
     from sensors.live.source import LiveMicrophone, LiveSource
@@ -20,18 +21,27 @@ def live_source(
     settings: LiveSettings,
     clock: Clock,
     page: "WebSink | None" = None,  # whose microphone "web" means
+    xr: "XrSink | None" = None,  # whose headset "xr" means
 ) -> "LiveSource":
     """Check the settings and build the sensors; they are not opened yet."""
     from sensors.cameras.spec import cameras
     from sensors.live.source import LiveSource
 
-    eyes, head = cameras(settings.eyes, clock), _head(settings.head, clock, page)
+    eyes, head = cameras(settings.eyes, clock), _head(settings.head, clock, page, xr)
     microphone = _microphone(settings.mic, clock, page)
     return LiveSource(microphone, eyes, clock, head=head, seconds=settings.seconds)
 
 
-def _head(spec: str, clock: Clock, page: "WebSink | None") -> "HeadSource | None":
-    """The tracker of `--head`; auto: the page's headset, where there is a page."""
+def _head(
+    spec: str, clock: Clock, page: "WebSink | None", xr: "XrSink | None"
+) -> "HeadSource | None":
+    """The tracker of `--head`; auto: the headset of `--xr`, else that of the page."""
+    if spec == "xr" or (spec == "auto" and xr is not None):
+        from app.xr.headset import xr_head
+
+        if xr is None:
+            raise InputError("--head xr: expected --xr, got none; try run --xr headless --head xr")
+        return xr_head(xr.memory, clock, tell, expected=spec == "xr")
     if spec == "web" or (spec == "auto" and page is not None):
         from app.web.headset_source import web_head
 
@@ -89,6 +99,27 @@ def open_page(
         seats=seats,
     )
     return WebSink(info, clock)
+
+
+def open_xr(
+    settings: DriveSettings,
+    clock: Clock,
+    seats: str | None = None,  # handle of a call's seats
+) -> "XrSink | None":
+    """Start the headset's process, where `--xr` asks for one."""
+    if settings.xr is None:
+        return None
+    from app.xr.link import XrInfo
+    from app.xr.sink import XrSink
+
+    info = XrInfo(
+        settings.xr,
+        settings.avatar,
+        gaussians=settings.gaussians,
+        background=settings.background,
+        seats=seats,
+    )
+    return XrSink(info, clock, tell)
 
 
 def open_recorder(

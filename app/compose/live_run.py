@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.compose.build import build, load_driver
-from app.compose.live import live_source, open_page, open_recorder
+from app.compose.live import live_source, open_page, open_recorder, open_xr
 from app.compose.report import report, sensor_report
 from app.compose.settings import DriveSettings, LiveSettings
 from app.drive.calibration import in_session, of_user
@@ -33,8 +33,10 @@ class LiveRun:
 
         self.settings, self.clock, self.stats = settings, MonotonicClock(), LiveStats()
         self._seats = seats
-        self._page = open_page(settings, self.clock, seats.handle if seats else None)
-        self.source = live_source(live, self.clock, self._page)
+        handle = seats.handle if seats else None
+        self._page = open_page(settings, self.clock, handle)
+        self._xr = open_xr(settings, self.clock, handle)
+        self.source = live_source(live, self.clock, self._page, self._xr)
         self._driver = load_driver(settings, bool(self.source.info.eyes), of_user())
 
     def open_recorder(self, folder: Path) -> "LiveRecorder":
@@ -53,6 +55,7 @@ class LiveRun:
             sinks=[self.stats, *sinks],
             tape=tape,
             page=self._page,
+            xr=self._xr,
             seats=self._seats,
         )
 

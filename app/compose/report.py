@@ -22,6 +22,13 @@ class NetworkSink(Protocol):
     def network_report(self) -> dict[str, Any]: ...
 
 
+@runtime_checkable
+class HeadsetSink(Protocol):
+    """A sink that shows the head in a headset."""
+
+    def xr_report(self) -> dict[str, Any]: ...
+
+
 def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str, Any]:
     """Counts, names and the time of each stage."""
     from encoder.inference import STUDENTS
@@ -31,6 +38,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
     counts: dict[str, Any] = {}
     for sink in network:
         counts |= sink.network_report()
+    headset = next((s.xr_report() for s in parts.sinks if isinstance(s, HeadsetSink)), None)
     return {
         "frames": summary.frames,
         "dropped": summary.dropped,
@@ -47,6 +55,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
         "emotion": parts.emotions.start or "",
         "stages": parts.stages.summary(),
         **({"network": counts} if network else {}),
+        **({"xr": headset} if headset else {}),
     }
 
 

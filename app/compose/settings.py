@@ -12,6 +12,7 @@ MAX_SIZE = 4096  # px
 WantedCondition = Literal["auto", "gaze", "eyes"]
 Device = Literal["auto", "cpu", "cuda"]
 HeadMode = Literal["auto", "synth", "track", "still"]
+XrMode = Literal["auto", "headless"]
 HEAD_MODES = ("auto", "synth", "still")  # words of --head; anything else is a tracker
 
 
@@ -78,6 +79,7 @@ class DriveSettings:
     background: str = "studio"
     virtual_camera: str | None = None  # a v4l2loopback device, or "auto"
     window: bool = False
+    xr: XrMode | None = None  # in an OpenXR headset; headless: its poses alone
     title: str = "live"  # of the window
     files: FileSettings = field(default_factory=FileSettings)
     network: NetworkSettings = field(default_factory=NetworkSettings)
@@ -112,7 +114,7 @@ class LiveSettings:
 
     mic: str | None = None  # a name or part of it, "none", or "web"; None: the system's default
     eyes: tuple[str, ...] = ()  # SPECs of sensors/cameras/spec.py
-    head: str = "auto"  # a SPEC of sensors/head/spec.py, "web", or one of HEAD_MODES
+    head: str = "auto"  # a SPEC of sensors/head/spec.py, "xr", "web", or one of HEAD_MODES
     seconds: float | None = None  # end by itself after so much sound
 
     @property

@@ -30,6 +30,7 @@ def finish(report: dict[str, Any], path: Path | None) -> None:
         table.add_row(
             row["name"], f"{row['value']:.3f}", row["bar"], "ok" if row["ok"] else "FAILED"
         )
-    console().print(table)
+    if table.row_count:
+        console().print(table)
     if not all(row["ok"] for row in report["bars"]):
         raise SystemExit(1)

@@ -61,6 +61,11 @@ class QuadRenderer:
         """Gaussians of the last draw that are NaN, infinite, without size or transparent."""
         return self._projector.dropped
 
+    @property
+    def texture(self) -> "moderngl.Texture":
+        """The last picture where it was drawn, top row first; valid until the next draw."""
+        return self._target.color_attachments[0]  # pyright: ignore[reportReturnType]
+
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""
         self._context.activate()

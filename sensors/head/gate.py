@@ -31,6 +31,7 @@ class Reading:
     quat: Quat  # wxyz
     device_s: float | None = None  # the sender's own clock
     tracked: bool = True
+    gaze: Vector | None = None  # a direction in the head
 
 
 @dataclass
@@ -64,12 +65,13 @@ class Gate:
             return self._drop("flooded", f"at most {MAX_HZ} poses a second", "more")
         try:
             pose = rotation.checked(reading.position, reading.quat)
+            gaze = None if reading.gaze is None else rotation.direction(reading.gaze)
         except (ValueError, OverflowError) as error:
             return self._drop("bad", "a finite position and a rotation", str(error))
         if self._has_jumped(pose, arrival_ns):
             return self._drop("jumps", "a head that moves", "one that jumps")
         t_ns = self._time(reading.device_s, arrival_ns)
-        self._last, self._arrived_ns = HeadPacket(t_ns, pose, reading.tracked), arrival_ns
+        self._last, self._arrived_ns = HeadPacket(t_ns, pose, reading.tracked, gaze), arrival_ns
         self.counts.poses += 1
         return self._last
 

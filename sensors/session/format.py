@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any, cast
 
 from sensors import files, rotation
+from sensors.rotation import Vector
 from sensors.types import EYE_NAMES, EYE_SIZE, NS, SAMPLE_RATE, HeadPose, InputError
 
 FORMAT = "livedrive-session"
@@ -61,6 +62,7 @@ class HeadEntry:
     t_ns: int
     pose: HeadPose
     valid: bool
+    gaze: Vector | None = None
 
 
 Entry = AudioEntry | EyeEntry | EmotionEntry | HeadEntry
@@ -149,6 +151,7 @@ def entry_line(entry: Entry) -> bytes:
             "quat": entry.pose.quat,
             "valid": entry.valid,
         }
+        fields |= {} if entry.gaze is None else {"gaze": entry.gaze}
     else:
         fields = {
             "stream": f"eye_{EYE_NAMES[entry.eye]}",
@@ -192,7 +195,8 @@ def _entry(fields: dict[str, Any]) -> Entry:
         return EmotionEntry(_whole(fields["t_ns"]), str(fields["words"]))
     if stream == "head":
         pose = rotation.checked(fields["position"], fields["quat"])
-        return HeadEntry(_whole(fields["t_ns"]), pose, bool(fields["valid"]))
+        gaze = rotation.direction(fields["gaze"]) if "gaze" in fields else None
+        return HeadEntry(_whole(fields["t_ns"]), pose, bool(fields["valid"]), gaze)
     eye = ("eye_left", "eye_right").index(stream)
     picture = _whole(fields["picture"])
     return EyeEntry(_whole(fields["t_ns"]), eye, _whole(fields["counter"]), picture)

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from web_client import Talker, play, serving, socket_to, wait_until
 
-from app.web.headset_source import joint, reading, web_head
+from app.web.headset_source import reading, web_head
 from app.web.messages import MESSAGE
 from render.decoder.decoder import Decoder
 from sensors import rotation
 from sensors.clock import MonotonicClock
+from sensors.head.headset import joint
 from sensors.types import HeadPose
 
 

@@ -1,0 +1,123 @@
+"""The memory that the loop and the headset's process share: ticks one way, poses the other.
+
+    loop -> XrSink -> ticks -> headset's process -> poses -> HeadsetLink -> loop
+
+Nobody ever waits: a writer overwrites its oldest record, a reader takes what it finds. A record is
+marked unready while it is written, so that a reader never sees half of one.
+"""
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from app.process import memory
+from render.types import Density
+
+Mode = Literal["auto", "headless"]
+TICK = np.dtype(
+    [
+        ("number", "<i8"),  # of posting, 0, 1, ...; -1 while it is written
+        ("t_ns", "<i8"),  # of the frame's last sample
+        ("posted_ns", "<i8"),  # on the system's monotonic clock, which all processes share
+        ("expression", "<f4", (256,)),
+        ("gaze", "<f4", (2, 3)),
+        ("head", "<f4", (8,)),  # position mm, quaternion wxyz, breath
+    ],
+    align=True,
+)
+POSE = np.dtype(
+    [
+        ("number", "<i8"),
+        ("t_ns", "<i8"),
+        ("position", "<f8", (3,)),  # m, OpenXR's axes, as all below
+        ("xyzw", "<f8", (4,)),
+        ("tracked", "?"),
+        ("gaze", "<f8", (3,)),  # unit, in the head; NaN: not tracked
+    ],
+    align=True,
+)
+STATUS = np.dtype(
+    [
+        ("ready", "?"),  # a session is open, or waited for
+        ("ending", "?"),  # written by the loop: the run is over
+        ("ended", "?"),  # the wearer has ended it
+        ("error", "S400"),  # why there will be no session
+        ("problem", "S200"),  # why there is none now; empty: there is one
+        ("runtime", "S100"),
+        ("width", "<i8"),  # px of an eye's picture
+        ("height", "<i8"),
+        ("frames", "<i8"),  # in stereo, so far
+        ("poses", "<i8"),
+        ("losses", "<i8"),  # sessions that were lost
+        ("draw_ms", "<f8"),  # of a stereo frame, lately
+    ],
+    align=True,
+)
+TICKS, POSES = 16, 64
+
+
+@dataclass(frozen=True)
+class XrInfo:
+    """What the headset's process must know; crosses as JSON."""
+
+    mode: Mode
+    avatar: str
+    gaussians: Density = "32k"
+    background: str = "studio"
+    seats: str | None = None  # handle of a call's seats: partners are drawn too
+    standin: str | None = None  # a file: while it is there, so is a runtime for tests
+
+
+class Ring:
+    """Records of one writer; the field `number` says which are whole."""
+
+    def __init__(self, records: NDArray[Any]) -> None:
+        self._records, self._posted = records, int(records["number"].max()) + 1
+
+    def post(self, **fields: object) -> None:
+        """Write the next record over the oldest one."""
+        slot = self._records[self._posted % len(self._records)]
+        slot["number"] = -1
+        for name, value in fields.items():
+            slot[name] = value
+        slot["number"] = self._posted
+        self._posted += 1
+
+    def after(self, number: int) -> list[np.void]:
+        """Copies of the records after record `number` that are still here, oldest first."""
+        numbers = self._records["number"].copy()
+        found: list[np.void] = []
+        for wanted in np.sort(numbers[numbers > number]):
+            slot = self._records[wanted % len(self._records)]
+            copy: Any = slot.copy()
+            if copy["number"] == wanted == slot["number"]:
+                found.append(copy)
+        return found
+
+
+class XrMemory:
+    """Both rings and the status, on memory that vanishes with its last user."""
+
+    def __init__(self, handle: str | None = None) -> None:
+        """Make the memory, or open what another process made."""
+        poses_at = TICKS * TICK.itemsize
+        status_at = poses_at + POSES * POSE.itemsize
+        size = status_at + STATUS.itemsize
+        self._block = memory.attach(handle, size) if handle else memory.create(size)
+        self.handle, buffer = self._block.handle, self._block.buffer
+        ticks = np.frombuffer(buffer, TICK, TICKS)
+        poses = np.frombuffer(buffer, POSE, POSES, poses_at)
+        self.status: np.void = np.frombuffer(buffer, STATUS, 1, status_at)[0]
+        if handle is None:
+            ticks["number"] = poses["number"] = -1
+        self.ticks, self.poses = Ring(ticks), Ring(poses)
+
+    def text(self, field: str) -> str:
+        """A text of the status."""
+        return bytes(self.status[field]).decode(errors="replace")
+
+    def close(self) -> None:
+        """Let go of the memory; it vanishes when the arrays do."""
+        self._block.close()
