@@ -78,7 +78,8 @@ class Run:
             self._count += 1
             for frame in self._assembler.ready():
                 shown, self._state = self._alive.step(frame, CODE, AHEAD, False, 0, self._state)
-                if frame.t_ns >= t_ns:
+                # Poses may come in pairs: the second one meets a frame that has begun already.
+                if frame.t_ns >= t_ns and 0 <= frame.head_age_ns <= 3 * TICK_NS:
                     return frame, shown.head
 
     def push(self, packet: HeadPacket) -> None:
