@@ -25,7 +25,8 @@ class Bench:
     window, page, sends, a recording), and its replay.
     faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
     at every border. web: --minutes of sending by every protocol, a page, and hostile clients.
-    peers: networks of other papers' shapes against ours, first frame from new sound."""
+    peers: networks of other papers' shapes against ours, first frame from new sound.
+    xr: stereo frames for a headset, on a stand-in of its runtime."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick)."""
     avatar: str = "ben"
