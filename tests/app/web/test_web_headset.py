@@ -69,18 +69,20 @@ class Run:
         assert len(came) == len(packets)
         return [(*row, packet) for row, packet in zip(came, packets, strict=True)]
 
-    def until(self, t_ns: int) -> tuple[SensorFrame, HeadPose]:
-        """The first frame that ends at `t_ns` or later, and DrivenFrame.head."""
-        while True:
-            begins_ns = self._start_ns + self._count * TICK_NS
-            sound = np.zeros(1600, np.float32)
-            self._assembler.push(AudioPacket(begins_ns, 1600 * self._count, sound))
-            self._count += 1
-            for frame in self._assembler.ready():
-                shown, self._state = self._alive.step(frame, CODE, AHEAD, False, 0, self._state)
-                # Poses may come in pairs: the second one meets a frame that has begun already.
-                if frame.t_ns >= t_ns and 0 <= frame.head_age_ns <= 3 * TICK_NS:
-                    return frame, shown.head
+    def frames_before(self, t_ns: int) -> None:
+        """Make the frames that end before `t_ns`."""
+        while self._start_ns + (self._count + 1) * TICK_NS < t_ns:
+            self.frame()
+
+    def frame(self) -> tuple[SensorFrame, HeadPose]:
+        """The next frame, and DrivenFrame.head."""
+        begins_ns = self._start_ns + self._count * TICK_NS
+        sound = np.zeros(1600, np.float32)
+        self._assembler.push(AudioPacket(begins_ns, 1600 * self._count, sound))
+        self._count += 1
+        (frame,) = self._assembler.ready()
+        shown, self._state = self._alive.step(frame, CODE, AHEAD, False, 0, self._state)
+        return frame, shown.head
 
     def push(self, packet: HeadPacket) -> None:
         self._assembler.push(packet)
@@ -117,9 +119,10 @@ def test_an_emulated_headset_turns_and_moves_the_head(
         after = False
         for time_ms, came_ns, packet in seen:
             # By the page's clock it may be old: a browser without a graphics card is slow.
+            run.frames_before(came_ns)
             run.push(replace(packet, t_ns=came_ns))
-            frame, head = run.until(came_ns)
             if time_ms >= moved_ms and after:
+                frame, head = run.frame()
                 assert frame.head == packet.pose and frame.head_valid
                 return head
             after = time_ms >= moved_ms
