@@ -59,7 +59,8 @@ def test_a_stopped_build_goes_on(made, tmp_path):
 
 def test_subjects_are_sessions_with_manifest_and_splits(made):
     manifest = dataset.read_manifest(made)
-    assert manifest["counts"]["subjects"] == 3 and "espeak" in manifest["sources"]
+    # two who speak English, and one of other languages for each side of the split
+    assert manifest["counts"]["subjects"] == 4 and "espeak" in manifest["sources"]
     clips = dataset.read_pack(made)
     voices = {
         s: {c.voice for c in clips if c.split == s and c.kind != "rest"} for s in ("train", "test")
