@@ -55,7 +55,9 @@ def measure_peers(seed: int) -> dict[str, Any]:
     console().print(table)
     fastest = min(metrics[peer.name]["live_ms"] for peer in PEERS)
     return {
-        "metrics": metrics,
+        "metrics": {
+            f"{name}/{k}": value for name, row in metrics.items() for k, value in row.items()
+        },
         "peers": [{k: v for k, v in asdict(peer).items() if k != "stages"} for peer in PEERS],
         "bars": [at_most("ours over the fastest peer", ours / fastest, MAX_RATIO)],
     }
