@@ -140,8 +140,8 @@ canvas.onwheel = (event) => {
   stale = true;
 };
 
-get("vr").hidden = !(await Headset.supported());
 const offers = await (await fetch("offers")).json();
 if (offers.head) poses = new PoseSender(`${sockets}pose`);
+get("vr").hidden = !(await Headset.supported());  // last: who enters at once sends poses
 get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
 drawFlat();

@@ -32,6 +32,14 @@ ROOT = Path(__file__).parents[3]
 SIZE = 256
 # Software GL takes seconds for a picture of a busy machine; poses are sent before it is drawn.
 UNDRAWN = "WebGL2RenderingContext.prototype.drawElements = () => {};"
+# Who enters as soon as the button is there must not be too early for what the server answers.
+SLOW_ANSWERS = """
+const fetchAtOnce = fetch;
+fetch = async (...what) => {
+  await new Promise((done) => setTimeout(done, 1000));
+  return fetchAtOnce(...what);
+};
+"""
 TICK_NS = NS // 30
 CODE = np.zeros(256, np.float32)
 # Of the emulated headset: metres right, up and backward; degrees about these axes.
@@ -92,7 +100,9 @@ def test_an_emulated_headset_turns_and_moves_the_head(
     browser: Any, talker: Talker, decoder: Decoder
 ) -> None:
     """On all six axes, both ways, in the first frame that ends after the pose came."""
-    page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE, headset(ROOT), UNDRAWN)
+    page = open_page(
+        browser, f"{talker.address}?bare", SIZE, SIZE, headset(ROOT), UNDRAWN, SLOW_ANSWERS
+    )
     wait_until(lambda: page.evaluate("!document.getElementById('vr').hidden"))
     page.evaluate("document.getElementById('vr').click()")
     wait_until(lambda: page.evaluate("Boolean(device.activeSession)"))
