@@ -5,10 +5,9 @@ A ring is a ring, whoever makes it: imports inside a function or under `if TYPE_
 import ast
 import re
 from collections.abc import Iterator, Mapping
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
-
-import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGES = ("app", "sensors", "encoder", "render")
@@ -31,37 +30,46 @@ LONG: set[str] = set()
 Graph = Mapping[str, set[str]]
 
 
+@cache
+def text(path: Path) -> str:
+    return path.read_text()
+
+
+@cache
+def import_statements(path: Path) -> tuple[ast.Import | ast.ImportFrom, ...]:
+    nodes = ast.walk(ast.parse(text(path)))
+    return tuple(node for node in nodes if isinstance(node, ast.Import | ast.ImportFrom))
+
+
 def imports(path: Path) -> set[str]:
     found: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module in PACKAGES:
+        elif node.module in PACKAGES:
             found |= {f"{node.module}.{alias.name}" for alias in node.names}
-        elif isinstance(node, ast.ImportFrom) and node.module:
+        elif node.module:
             found |= {node.module}
     return found
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_packages_import_only_what_the_flow_allows(path: Path) -> None:
-    package = path.relative_to(ROOT).parts[0]
-    for module in imports(path):
-        top = module.split(".")[0]
-        if top in PACKAGES and top not in ALLOWED[package]:
-            assert package != "sensors" and module in SHARED, f"{path} imports {module}"
+def test_packages_import_only_what_the_flow_allows() -> None:
+    for path in SOURCES:
+        package = path.relative_to(ROOT).parts[0]
+        for module in imports(path):
+            top = module.split(".")[0]
+            if top in PACKAGES and top not in ALLOWED[package]:
+                assert package != "sensors" and module in SHARED, f"{path} imports {module}"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_files_take_time_as_an_argument(path: Path) -> None:
-    assert "time.time(" not in path.read_text()
+def test_files_take_time_as_an_argument() -> None:
+    assert [path for path in SOURCES if "time.time(" in text(path)] == []
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_onnxruntime_is_imported_where_its_telemetry_is_switched_off(path: Path) -> None:
-    for library in ("onnxruntime", "onnxscript", "onnx_ir"):  # the others may import the first
-        if path != ROOT / "encoder" / "nn" / "onnx_session.py":
-            assert not any(name.split(".")[0] == library for name in imports(path))
+def test_onnxruntime_is_imported_where_its_telemetry_is_switched_off() -> None:
+    libraries = {"onnxruntime", "onnxscript", "onnx_ir"}  # the others may import the first
+    found = {path for path in SOURCES if libraries & {name.split(".")[0] for name in imports(path)}}
+    assert found == {ROOT / "encoder" / "nn" / "onnx_session.py"}
 
 
 TEMPORARY = {"sensors/files.py", "sensors/standins/pulse.py"}
@@ -72,14 +80,16 @@ TEMPORARY |= {
 }  # these write to a folder that they made for themselves
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_files_are_written_where_links_are_refused(path: Path) -> None:
+def test_files_are_written_where_links_are_refused() -> None:
     """See sensors/files.py: whoever sends a folder may have put links into it."""
-    if str(path.relative_to(ROOT)) in TEMPORARY:
-        return
     writes = re.compile(r"\.write_(text|bytes)\(|os\.replace\(|\.savefig\(")
-    lines = [line for line in path.read_text().splitlines() if writes.search(line)]
-    assert [line for line in lines if "files." not in line] == []
+    found = [
+        f"{name}: {line}"
+        for name, path in {str(path.relative_to(ROOT)): path for path in SOURCES}.items()
+        for line in text(path).splitlines()
+        if name not in TEMPORARY and writes.search(line) and "files." not in line
+    ]
+    assert found == []
 
 
 def test_no_other_folders() -> None:
@@ -102,11 +112,10 @@ def test_commands_start_without_heavy_imports() -> None:
     assert done.stdout.strip() == "[]"
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT)))
-def test_words_from_outside_are_never_markup(path: Path) -> None:
+def test_words_from_outside_are_never_markup() -> None:
     """`app.terminal.console` is the one console: it reads no markup."""
-    if path != ROOT / "app" / "terminal" / "console.py":
-        assert "rich.console" not in imports(path)
+    found = [path for path in SOURCES if "rich.console" in imports(path)]
+    assert found == [ROOT / "app" / "terminal" / "console.py"]
 
 
 def module_of(path: Path) -> str:
@@ -120,15 +129,16 @@ def folder_of(path: Path) -> str:
 
 def named(path: Path) -> Iterator[str]:
     """Every module or name that a file imports, absolutely."""
-    for node in ast.walk(ast.parse(path.read_text())):
+    for node in import_statements(path):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
+        else:
             assert node.level == 0, f"{path} imports relatively"
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def imports_of_files() -> dict[str, set[str]]:
+@cache
+def imports_of_files() -> Graph:
     modules = {module_of(path): path for path in SOURCES}
     graph: dict[str, set[str]] = {name: set() for name in modules}
     for name, path in modules.items():
@@ -193,17 +203,20 @@ def test_exceptions_are_still_needed() -> None:
 
 
 def lines(path: Path) -> int:
-    return len(path.read_text().splitlines())
+    return len(text(path).splitlines())
 
 
 def limit(path: Path) -> int:
     return MAX_TEST_LINES if path.is_relative_to(ROOT / "tests") else MAX_LINES
 
 
-@pytest.mark.parametrize("path", [*SOURCES, *TESTS], ids=lambda p: str(p.relative_to(ROOT)))
-def test_files_stay_short(path: Path) -> None:
-    if str(path.relative_to(ROOT)) not in LONG:
-        assert lines(path) <= limit(path), f"{path}: expected at most {limit(path)} lines; split it"
+def test_files_stay_short() -> None:
+    long = {
+        str(path.relative_to(ROOT)): lines(path)
+        for path in [*SOURCES, *TESTS]
+        if lines(path) > limit(path)
+    }
+    assert set(long) <= LONG, f"split these files: {long}"
 
 
 def test_folders_hold_few_modules() -> None:
