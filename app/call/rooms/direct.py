@@ -10,7 +10,15 @@ import ssl
 from typing import TYPE_CHECKING
 
 from app.call.media.connection import Connection, Stream
-from app.call.rooms.room import ANSWER, OFFER, Events, LineSettings
+from app.call.rooms.room import (
+    ANSWER,
+    CONNECT_S,
+    OFFER,
+    RETRY_S,
+    SILENT_S,
+    Events,
+    LineSettings,
+)
 from app.call.wire.invite import Invite
 from app.call.wire.seal import SealError
 from sensors.types import InputError
@@ -25,9 +33,6 @@ MAX_MESSAGE = 1 << 16
 STRANGERS = 16  # connections that have not yet shown that they hold the secret
 PROOF_S = 5.0  # to do so
 CLOSE_S = 1.0  # that a closing handshake may take
-RETRY_S = 1.0
-SILENT_S = 3.0  # without a packet: a new connection is made
-CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 and 4 s
 HEARTBEAT_S = 5.0
 WRONG_SECRET, BUSY = 4403, 4409  # why a WebSocket was closed
 REFUSALS = {

@@ -10,15 +10,14 @@ from collections.abc import Callable
 from typing import Any
 
 from app.call.media.connection import Connection, Stream
+from app.call.rooms.feed import Feed
 from app.call.rooms.janus_api import JanusError, JanusSession
-from app.call.rooms.room import Events, LineSettings
+from app.call.rooms.room import CONNECT_S, LOOK_S, RETRY_S, Events, LineSettings
 from app.call.wire.agreement import MAX_PEOPLE
 from app.call.wire.invite import Invite
 from app.call.wire.seal import SealError
 from sensors.types import InputError
 
-RETRY_S = 1.0
-CONNECT_S = 8.0
 WRONG_PIN, NO_ROOM, ROOM_EXISTS, ROOM_FULL = 433, 426, 427, 432
 REFUSED = {WRONG_PIN: "the secret of this room", ROOM_FULL: "a free place"}
 
@@ -37,21 +36,20 @@ class JanusRoom:
         self._invite, self._identity = invite, identity
         self._events, self._line, self._admin_key = events, line, admin_key
         self._publisher: Connection | None = None
-        self._subscribers: dict[str, tuple[str, int, Connection]] = {}  # feed -> who, handle
-        self._been_in = False
+        self._feeds: dict[str, asyncio.Task[None]] = {}
+        self._been_in = self._is_in = False
 
     @property
     def url(self) -> str:
         scheme = "wss" if self._invite.fingerprint else "ws"
-        host = self._invite.host
-        return f"{scheme}://[{host}]" if ":" in host else f"{scheme}://{host}:{self._invite.port}"
+        host = f"[{self._invite.host}]" if ":" in self._invite.host else self._invite.host
+        return f"{scheme}://{host}:{self._invite.port}"
 
     async def run(self) -> None:
         import aiohttp
 
         pin = self._invite.fingerprint
         tls = aiohttp.Fingerprint(pin) if pin else True
-        told = False
         while True:
             try:
                 async with (
@@ -59,8 +57,8 @@ class JanusRoom:
                     JanusSession(http, self.url, self._invite.token, tls) as session,
                 ):
                     await self._take_part(session)
-            except JanusError as error:
-                if error.code in REFUSED or not self._been_in and error.code != NO_ROOM:
+            except JanusError as error:  # a room that we come back to may still count us as in it
+                if error.code == WRONG_PIN or not self._been_in and error.code != NO_ROOM:
                     wanted = REFUSED.get(error.code, "to be let in")
                     raise InputError(
                         f"call: expected {wanted}, got: {error}; ask for a new invite"
@@ -71,10 +69,9 @@ class JanusRoom:
                         f"call: expected a room server at {self.url}, got: {str(error)[:80]}; "
                         "is it running?"
                     ) from None
-            if not told:
+            if self._is_in:
                 self._events.tell("the room's server is gone; coming back as soon as it is there")
-                told = True
-            await self.close()
+                self._is_in = False
             await asyncio.sleep(RETRY_S)
 
     def send(self, stream: Stream, sealed: bytes, pts: int) -> bool:
@@ -85,36 +82,67 @@ class JanusRoom:
             self._publisher.say(self._events.seal(message))
 
     async def close(self) -> None:
-        connections = [c for *_, c in self._subscribers.values()]
-        self._subscribers.clear()
-        if self._publisher is not None:
-            connections.append(self._publisher)
-            self._publisher = None
-        for connection in connections:
-            await connection.close()
+        feeds, publisher = [*self._feeds.values()], self._publisher
+        self._feeds.clear()
+        self._publisher = None
+        for feed in feeds:
+            feed.cancel()
+        if publisher is not None:
+            await publisher.close()
+        await asyncio.gather(*feeds, return_exceptions=True)
 
     async def _take_part(self, session: JanusSession) -> None:
-        """Until the server goes."""
+        """Until the server goes, or nothing reaches it."""
+        publisher = self._publisher = Connection(
+            None,
+            self._message,
+            ice_servers=self._line.ice_servers,
+            reroute=self._line.reroute,
+            on_open=self._events.opened,
+        )
+        parts = [self._listen(session, publisher), self._watch(publisher)]
+        tasks = [asyncio.create_task(part) for part in parts]
+        try:
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            for task in done:
+                task.result()
+        finally:
+            for task in tasks:
+                task.cancel()
+            await self.close()
+
+    async def _listen(self, session: JanusSession, publisher: Connection) -> None:
+        """Every event tells of people who have come or gone, those that answer us too."""
         room, handle = self._invite.room, await session.attach()
         if self._admin_key:
             await self._create(session, handle)
         join = {"request": "join", "ptype": "publisher", "room": room, "pin": self._invite.pin}
         await session.message(handle, join | {"display": self._identity})
-        joined = await session.event_with(handle, "publishers")
-        self._publisher = Connection(
-            None, self._message, ice_servers=self._line.ice_servers, on_open=self._events.opened
-        )
-        offer = {"type": "offer", "sdp": await self._publisher.offer()}
-        await session.message(handle, {"request": "publish"}, offer)
-        answer = await session.event_with(handle, "jsep")
-        await self._publisher.accept(answer["jsep"]["sdp"])
-        self._been_in = True
-        await self._subscribe_all(session, joined["publishers"])
         while True:
             event = await session.event(handle)
-            await self._subscribe_all(session, event.get("publishers", []))
+            self._follow(session, event.get("publishers", []))
             for key in ("leaving", "unpublished"):
-                await self._unsubscribe(session, event.get(key))
+                feed = self._feeds.pop(str(event.get(key)), None)
+                if feed is not None:
+                    feed.cancel()
+            if event.get("videoroom") == "joined":
+                offer = {"type": "offer", "sdp": await publisher.offer()}
+                await session.message(handle, {"request": "publish"}, offer)
+            elif "jsep" in event:
+                await publisher.accept(event["jsep"]["sdp"])
+
+    async def _watch(self, publisher: Connection) -> None:
+        """Until the line to the server breaks; or it does not open in time."""
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                while publisher.state != "connected":
+                    await asyncio.sleep(LOOK_S)
+        except TimeoutError:
+            self._events.tell("no media gets to the room's server; trying again")
+            return
+        self._been_in = self._is_in = True
+        while publisher.state == "connected":
+            await asyncio.sleep(LOOK_S)
 
     async def _create(self, session: JanusSession, handle: int) -> None:
         body = {
@@ -134,36 +162,13 @@ class JanusRoom:
             if error.code != ROOM_EXISTS:
                 raise
 
-    async def _subscribe_all(self, session: JanusSession, publishers: list[Any]) -> None:
+    def _follow(self, session: JanusSession, publishers: list[Any]) -> None:
         for publisher in publishers[: MAX_PEOPLE - 1]:
-            feed, identity = str(publisher.get("id")), str(publisher.get("display", ""))
-            if feed not in self._subscribers and identity != self._identity:
-                await self._subscribe(session, feed, identity)
-
-    async def _subscribe(self, session: JanusSession, feed: str, identity: str) -> None:
-        handle = await session.attach()
-        room, pin = self._invite.room, self._invite.pin
-        join = {"request": "join", "ptype": "subscriber", "room": room, "pin": pin}
-        await session.message(handle, join | {"streams": [{"feed": feed}]})
-        offer = await session.event_with(handle, "jsep")
-        line = self._line
-        connection = Connection(
-            self._packets_of(identity),
-            self._message,
-            sends=False,
-            ice_servers=line.ice_servers,
-            reroute=line.reroute,
-        )
-        self._subscribers[feed] = identity, handle, connection
-        answer = {"type": "answer", "sdp": await connection.answer(offer["jsep"]["sdp"])}
-        await session.message(handle, {"request": "start", "room": room}, answer)
-
-    async def _unsubscribe(self, session: JanusSession, feed: object) -> None:
-        found = self._subscribers.pop(feed, None) if isinstance(feed, str) else None
-        if found is not None:
-            with contextlib.suppress(ConnectionError):
-                await session.detach(found[1])
-            await found[2].close()
+            number, identity = str(publisher.get("id")), str(publisher.get("display", ""))
+            if number not in self._feeds and identity != self._identity:
+                take = self._packets_of(identity)
+                feed = Feed(number, self._invite, self._line, take, self._message)
+                self._feeds[number] = asyncio.create_task(feed.run(session))
 
     def _packets_of(self, identity: str) -> Callable[[Stream, bytes], None]:
         return lambda stream, sealed: self._events.packet(identity, stream, sealed)

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 PLUGIN = "janus.plugin.videoroom"
 ANSWER_S = 10.0
 KEEP_ALIVE_S = 20.0
+HEARTBEAT_S = 5.0
 MAX_MESSAGE = 1 << 18
 
 
@@ -37,7 +38,11 @@ class JanusSession:
 
     async def __aenter__(self) -> "JanusSession":
         self._socket = await self._http.ws_connect(
-            self._url, protocols=("janus-protocol",), max_msg_size=MAX_MESSAGE, ssl=self._tls
+            self._url,
+            protocols=("janus-protocol",),
+            max_msg_size=MAX_MESSAGE,
+            ssl=self._tls,
+            heartbeat=HEARTBEAT_S,
         )
         self._tasks.append(asyncio.create_task(self._read()))
         self._id = (await self._ask({"janus": "create"}))["data"]["id"]
@@ -89,24 +94,26 @@ class JanusSession:
         return data
 
     async def _ask(self, message: dict[str, Any]) -> dict[str, Any]:
-        future = asyncio.get_running_loop().create_future()
-        transaction = await self._post(message)
+        future, transaction = asyncio.get_running_loop().create_future(), secrets.token_hex(8)
         self._waiting[transaction] = future
-        async with asyncio.timeout(ANSWER_S):
-            answer = await future
+        try:
+            await self._post(message, transaction)
+            async with asyncio.timeout(ANSWER_S):
+                answer = await future
+        finally:
+            del self._waiting[transaction]
         if answer.get("janus") == "error":
             error = answer.get("error", {})
             raise JanusError(int(error.get("code", 0)), str(error.get("reason", ""))[:80])
         return answer
 
-    async def _post(self, message: dict[str, Any]) -> str:
+    async def _post(self, message: dict[str, Any], transaction: str = "") -> None:
         if self._socket is None or self._socket.closed:
             raise ConnectionError("the room's server is gone")
-        transaction = secrets.token_hex(8)
+        transaction = transaction or secrets.token_hex(8)
         session = {"session_id": self._id} if self._id else {}
         token = {"token": self._token} if self._token else {}
         await self._socket.send_json(message | session | token | {"transaction": transaction})
-        return transaction
 
     async def _read(self) -> None:
         assert self._socket is not None

@@ -7,6 +7,10 @@ from typing import Protocol
 from app.call.media.connection import Reroute, Stream
 
 BYE, HELLO, OFFER, ANSWER, AVATAR = b"B", b"H", b"O", b"A", b"V"  # first byte of a message
+RETRY_S = 1.0
+LOOK_S = 0.25  # between two looks at a line
+SILENT_S = 3.0  # without a packet: a new connection is made
+CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 and 4 s
 
 
 @dataclass(frozen=True, kw_only=True)

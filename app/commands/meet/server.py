@@ -65,7 +65,7 @@ class Server:
 
 @dataclass(kw_only=True)
 class Test:
-    """Run both ends on this machine over four lossy lines, and judge what arrives."""
+    """Run both ends on this machine over four lossy lines, or people in a room, and judge it."""
 
     session: Path = Path("recordings/demo")
     """What both say and show."""
@@ -73,10 +73,14 @@ class Test:
     """Of each line."""
     lines: tuple[int, ...] = (0, 1, 2, 3)
     """Which lines: 0 clean, 1 with 1 %% loss, 2 with 5 %%, 3 in bursts."""
+    room: int = 0
+    """Instead: so many people on a Janus server that ends and comes back, one with 5 %% loss."""
     report: File = None
     """Write the figures as JSON."""
 
     def run(self) -> None:
+        from app.call.trial.room import RoomSettings, metrics_of, run_room
+        from app.call.wire.agreement import MAX_PEOPLE
         from app.compose.call import session_material, trial_report
         from app.terminal.thresholds import finish
 
@@ -84,5 +88,11 @@ class Test:
             raise InputError(f"--lines: expected numbers in 0..3, got {self.lines}")
         if not 2 <= self.seconds <= 3600:
             raise InputError(f"--seconds: expected 2 to 3600, got {self.seconds}")
-        report = trial_report(session_material(self.session), self.lines, self.seconds)
+        if self.room and not 2 <= self.room <= MAX_PEOPLE:
+            raise InputError(f"--room: expected 2 to {MAX_PEOPLE} people, got {self.room}")
+        if self.room:
+            found = run_room(RoomSettings(people=self.room, seconds=self.seconds))
+            report = metrics_of(found)
+        else:
+            report = trial_report(session_material(self.session), self.lines, self.seconds)
         finish(report, self.report)

@@ -1,0 +1,246 @@
+"""People in a room of a Janus server that ends and comes back, each in a process of their own.
+
+libnice leaves loopback out, so all of it runs in a network of its own, made with `unshare`.
+"""
+
+import asyncio
+import json
+import secrets
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from app.call.core.call import new_identity
+from app.call.media.connection import bind_only
+from app.call.rooms import janus_server
+from app.call.rooms.janus import JanusRoom
+from app.call.rooms.janus_server import ServerSettings
+from app.call.rooms.listen import write_certificate
+from app.call.rooms.room import Events, LineSettings
+from app.call.trial.person import PersonSettings
+from app.call.wire.invite import Invite
+from app.terminal.thresholds import at_least, at_most
+from sensors.types import InputError
+
+HOST = "10.9.9.1"
+NETWORK = (
+    "ip link set lo up",
+    "ip link add v0 type veth peer name v1",
+    f"ip addr add {HOST}/24 dev v0",
+    "ip link set v0 up",
+    "ip link set v1 up",
+)
+REFUSED = {"wrong secret": "the secret of this room", "no token": "to be let in"}
+BACK_BAR_S, TOGETHER, CONCEALED, KBPS, CPU_SHARE = 10.0, 0.99, 0.01, 160.0, 0.15
+LOSS = 0.05  # of the second person's leg
+MEET_S, BACK_S = 90.0, 60.0  # patience, on a busy machine
+LOOK_S = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoomSettings:
+    people: int
+    seconds: float
+
+
+def run_room(settings: RoomSettings) -> dict[str, Any]:
+    """What they found. Raises InputError where Janus or a network of its own are not to be had."""
+    if shutil.which("janus") is None or shutil.which("unshare") is None:
+        raise InputError(
+            "call test --room: expected janus, unshare and ip (Linux), got not all of them; "
+            "run: sudo apt-get install janus util-linux iproute2"
+        )
+    module = [sys.executable, "-m", "app.call.trial.room", json.dumps(asdict(settings))]
+    command = ["unshare", "--net", "--map-root-user", *module]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise OSError(f"call test --room: {done.stderr[-1500:]}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def metrics_of(found: dict[str, Any]) -> dict[str, Any]:
+    """The report's `metrics` and `bars`, the worst of all pairs of people."""
+    lines = [line for report in found["reports"] for line in report]
+    worst = {
+        "back_s": found["back_s"],
+        "concealed": max(line["concealed_share"] for line in lines),
+        "kbps": max(line["kbps"] for line in lines),
+        "cpu_share": max(line["cpu_share"] for line in lines),
+        "refused": max(line["refused"] for line in lines),
+    }
+    limits = {
+        "back_s": BACK_BAR_S,
+        "concealed": CONCEALED,
+        "kbps": KBPS,
+        "cpu_share": CPU_SHARE,
+        "refused": 0,
+    }
+    bars = [at_most(f"room: {name}", worst[name], limit) for name, limit in limits.items()]
+    bars.append(at_least("room: together", found["together"], TOGETHER))
+    shut_out = sum(text in found["refused"].get(name, "") for name, text in REFUSED.items())
+    bars.append(at_least("room: strangers_shut_out", shut_out, len(REFUSED)))
+    figures = worst | {"met_s": found["met_s"], "together": found["together"]}
+    figures["loss_of_the_lossy_leg"] = max(line["loss"] for line in found["reports"][1])
+    return {"metrics": {f"room: {n}": round(v, 4) for n, v in figures.items()}, "bars": bars}
+
+
+class Visitor:
+    """The process of one person, and what it last said."""
+
+    def __init__(self, process: asyncio.subprocess.Process) -> None:
+        self.sees = 0
+        self.told: list[str] = []
+        self._process = process
+        self._reports: asyncio.Queue[list[dict[str, Any]]] = asyncio.Queue()
+        self._reader = asyncio.create_task(self._read())
+
+    @property
+    def is_here(self) -> bool:
+        return self._process.returncode is None
+
+    def order(self, word: str) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.write(word.encode() + b"\n")
+
+    async def report(self) -> list[dict[str, Any]]:
+        self.order("report")
+        return await self._reports.get()
+
+    async def leave(self) -> None:
+        assert self._process.stdin is not None
+        self._process.stdin.close()
+        await self._process.wait()
+
+    async def _read(self) -> None:
+        assert self._process.stdout is not None
+        async for line in self._process.stdout:
+            said = json.loads(line)
+            self.sees = said.get("sees", self.sees)
+            if "told" in said:
+                self.told.append(said["told"])
+            if "report" in said:
+                self._reports.put_nowait(said["report"])
+
+
+async def visit(settings: PersonSettings) -> Visitor:
+    pipe, config = asyncio.subprocess.PIPE, json.dumps(asdict(settings))
+    command = [sys.executable, "-m", "app.call.trial.person", config]
+    return Visitor(await asyncio.create_subprocess_exec(*command, stdin=pipe, stdout=pipe))
+
+
+async def scene(settings: RoomSettings, folder: Path) -> dict[str, Any]:
+    """They meet, talk, lose the server and come back."""
+    pem = folder / "certificate.pem"
+    pin = write_certificate(pem).hex()
+    at = ServerSettings(key=secrets.token_hex(16), host=HOST, certificate=pem)
+    server = janus_server.start(folder, at)
+    await _listening(at)
+    url, now_s = f"wss://{HOST}:{at.port}#{pin}", int(time.time_ns() // 10**9)
+    invite = janus_server.room_invite(url, "choir", secrets.token_bytes(16), at.key, now_s)
+    people: list[Visitor] = []
+    try:
+        for number in range(settings.people):
+            key = janus_server.admin_key(at.key) if number == 0 else ""
+            loss, name = LOSS if number == 1 else 0.0, f"Person {number}"
+            person = PersonSettings(
+                name=name, host=HOST, invite=str(invite), admin_key=key, loss=loss
+            )
+            people.append(await visit(person))
+            await asyncio.sleep(1.0 if key else 0.0)  # first comes who makes the room
+        met_s = await together(people, MEET_S)
+        for person in people:
+            person.order("begin")
+        share = await watched(people, settings.seconds)
+        reports = [await person.report() for person in people]
+        refused = await refusals(invite)
+        server.kill()
+        server.wait()
+        while any(person.sees for person in people):
+            await asyncio.sleep(LOOK_S)
+        server = janus_server.start(folder, at)
+        back_s = await together(people, BACK_S)
+    except TimeoutError:
+        sees = [(person.sees, person.told[-3:]) for person in people]
+        raise SystemExit(f"{sees}\n{(folder / 'janus.log').read_text()[-1500:]}") from None
+    finally:
+        for person in people:
+            await person.leave()
+        server.kill()
+    found = {"met_s": met_s, "together": share, "back_s": back_s}
+    return found | {"refused": refused, "reports": reports}
+
+
+async def together(people: Sequence[Visitor], patience_s: float) -> float:
+    """Seconds until everybody sees everybody."""
+    start_s = time.monotonic()
+    async with asyncio.timeout(patience_s):
+        while not _all_see(people):
+            if not all(person.is_here for person in people):
+                raise TimeoutError
+            await asyncio.sleep(LOOK_S)
+    return time.monotonic() - start_s
+
+
+async def watched(people: Sequence[Visitor], seconds: float) -> float:
+    """Share of that time in which everybody saw everybody."""
+    looks = []
+    for _ in range(int(seconds / LOOK_S)):
+        looks.append(_all_see(people))
+        await asyncio.sleep(LOOK_S)
+    return sum(looks) / max(len(looks), 1)
+
+
+async def refusals(invite: Invite) -> dict[str, str]:
+    """What is told to those who have no right to come in."""
+    false = {
+        "wrong secret": replace(invite, secret=bytes(16)),
+        "no token": replace(invite, token="1,janus,janus.plugin.videoroom:AAAA"),
+    }
+    bind_only(HOST)
+    found = {}
+    for name, wrong in false.items():
+        nothing = Events(
+            packet=lambda *_: None,
+            seal=lambda message: message,
+            open=lambda data: ("", data),
+            message=lambda *_: None,
+            opened=lambda: None,
+            ready=lambda: False,
+            tell=lambda _: None,
+        )
+        room = JanusRoom(wrong, new_identity(), nothing, LineSettings())
+        try:
+            await asyncio.wait_for(room.run(), 15)
+        except (InputError, TimeoutError) as error:
+            found[name] = str(error)
+    return found
+
+
+async def _listening(at: ServerSettings) -> None:
+    """Until the server takes connections."""
+    async with asyncio.timeout(MEET_S):
+        while True:
+            try:
+                _, writer = await asyncio.open_connection(at.host, at.port)
+            except OSError:
+                await asyncio.sleep(LOOK_S)
+            else:
+                writer.close()
+                return
+
+
+def _all_see(people: Sequence[Visitor]) -> bool:
+    return all(person.sees == len(people) - 1 for person in people)
+
+
+if __name__ == "__main__":
+    for command in NETWORK:
+        subprocess.run(command.split(), check=True)
+    with tempfile.TemporaryDirectory() as name:
+        print(json.dumps(asyncio.run(scene(RoomSettings(**json.loads(sys.argv[1])), Path(name)))))
