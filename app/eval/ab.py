@@ -20,8 +20,8 @@ def make_page(a: Path, b: Path, out: Path, seed: int) -> None:
     """Write a page that shows pairs of videos or pictures and asks which is better."""
     pairs = find_pairs(a, b)
     flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
-    order = np.random.default_rng([seed, 1]).permutation(len(pairs))
-    trials = [_trial(pairs[i], bool(flipped[i])) for i in order.tolist()]
+    order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
+    trials = [_trial(pairs[i], bool(flipped[i])) for i in order]
     files.write_text(out, PAGE.replace("TRIALS", json.dumps(trials)))
     print(f"wrote {out} with {len(trials)} pairs; open it in a browser and save the votes")
     print(f"then: livedrive eval ab {a} {b} --count votes.json")

@@ -9,6 +9,7 @@ ranges for one session, not a test of realism.
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,7 +131,7 @@ def draw(frames: dict[str, NDArray[np.float64]], path: Path) -> None:
     """A picture of the first ten seconds."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 6))
+    figure: Any = Figure(figsize=(10, 6))
     upper, lower = figure.subplots(2, 1, sharex=True)
     count = int(PLOT_S * FPS)
     times = np.arange(min(count, len(frames["breath"]))) / FPS

@@ -19,7 +19,7 @@ COLUMNS = 4  # of loss curves
 
 def shift_errors(guess: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> list[float]:
     """Mean |error| of lip openings [T] for each shift of SHIFTS (> 0: the guess comes late)."""
-    result = []
+    result: list[float] = []
     for shift in SHIFTS:
         pairs = [
             (g[max(0, shift) : len(g) + min(0, shift)], t[max(0, -shift) : len(t) + min(0, -shift)])
@@ -49,6 +49,8 @@ def save(
     from matplotlib import pyplot
 
     folder.mkdir(parents=True, exist_ok=True)
+    figure: Any
+    axes: Any
     figure, axes = pyplot.subplots(figsize=(8, 4.5), constrained_layout=True)
     for name, errors in sorted(shifts.items(), key=lambda item: item[0].startswith("language")):
         style = {"color": "lightgray", "zorder": 1} if name.startswith("language") else {}

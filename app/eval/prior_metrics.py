@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from render.evaluation.judge import Judge, Subject
@@ -102,7 +103,7 @@ def contact(judge: "Judge", seed: int) -> dict[str, float]:
     face, decoder, names = judge.assembly.face, judge.decoder, judge.assembly.names
     still = expressions.real_take(None, face.rig_names, held_out=True)
     through_code = decoder.coding.to_code @ decoder.coding.to_rig
-    lid_gaps, lip_gaps, crossed, frames = [], [], 0, 0
+    lid_gaps, lip_gaps, crossed, frames = list[float](), list[float](), 0, 0
     for index in range(24):
         person = people.draw(face, people.HELD_OUT + 500 + index)
         rest = decoder.posing.rest(people.neutral(face, person))
@@ -141,7 +142,7 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
     drawn = [expressions.draw(rng, judge.assembly.names, still)[0] for _ in range(NUM_CODES)]
     codes = [rig @ decoder.coding.to_code for rig in drawn]
     rows, basis = judge.rig_basis
-    weights = []
+    weights: list[NDArray[np.float32]] = []
     for name in identity.shipped()[:NUM_AVATARS]:
         who = identity.load(name)
         moved = [decoder.vertices(code, AHEAD, who)[rows] - who.geometry[rows] for code in codes]
@@ -173,7 +174,7 @@ def scan(judge: "Judge") -> dict[str, float]:
     seconds = time.perf_counter() - start
     still = np.zeros(len(judge.assembly.names), np.float32)
     truth = judge.true_vertices(who, still, AHEAD)
-    light, psnr = judge.true_light(truth), []
+    light, psnr = judge.true_light(truth), list[float]()
     vertices = geometry
     for yaw in (-30.0, -15.0, 0.0, 15.0, 30.0):
         camera = cameras.portrait(512, 512, yaw)
@@ -200,7 +201,7 @@ def cost(judge: "Judge") -> dict[str, float]:
     metrics = {"weights_mb": weights_mb()}
     for name, decoder in (("decode_cpu_ms", judge.decoder), ("decode_16k_cpu_ms", judge.sparse)):
         rng = np.random.default_rng(0)
-        times = []
+        times: list[float] = []
         for _ in range(TIMED_FRAMES):
             code = judge.decoder.sample(rng)
             start = time.process_time()

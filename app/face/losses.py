@@ -5,7 +5,7 @@ but for the lips' spans, which are lengths.
 """
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -37,10 +37,10 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
             weights[vertex] = max(weight, weights.get(vertex, 0.0))
     chosen = np.array(sorted(weights))
     speech = list(SPEECH_COLUMNS)
-    to_mouth = torch.from_numpy(decoder.to_rig[:, speech] @ decoder.to_code[speech])  # [256, 256]
+    to_mouth = torch.as_tensor(decoder.to_rig[:, speech] @ decoder.to_code[speech])  # [256, 256]
     ends = np.array([mesh.marks.corners, mesh.marks.centres])  # [2, 2] lip vertices
     lips = mesh.lips(np.zeros((1, len(to_mouth)), np.float32))[0]
-    at_rest = torch.from_numpy((lips[ends[:, 0]] - lips[ends[:, 1]]).astype(np.float32))
+    at_rest = torch.as_tensor((lips[ends[:, 0]] - lips[ends[:, 1]]).astype(np.float32))
 
     def between(pairs: np.ndarray) -> "Callable[[Tensor], Tensor]":
         """Codes [B, T, 256] -> [B, T, P, 3] mm: pairs of lip vertices, against the same at rest."""
@@ -51,7 +51,8 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
         return rig.astype(np.float32) @ decoder.to_code
 
     def spans(codes: "Tensor") -> "Tensor":
-        return (apart(codes) + at_rest.to(codes.device)).norm(dim=-1)
+        between_ends = apart(codes) + at_rest.to(codes.device)
+        return cast("Tensor", between_ends.norm(dim=-1))  # pyright: ignore[reportUnknownMemberType]
 
     def mouth(codes: "Tensor") -> "Tensor":
         return codes.float() @ to_mouth.to(codes.device)
@@ -66,7 +67,7 @@ def _moved(linear: np.ndarray) -> "Callable[[Tensor], Tensor]":
     """linear [256, V * 3] mm -> what moves codes [B, T, 256] -> [B, T, V, 3] mm."""
     import torch
 
-    matrix = torch.from_numpy(linear)
+    matrix = torch.as_tensor(linear)
 
     def moved(codes: "Tensor") -> "Tensor":
         # in full precision: a third difference of halves would be noise

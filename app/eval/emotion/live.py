@@ -1,9 +1,12 @@
 """The emotions on the live path: intensity, switching from one to another, and their cost."""
 
+# pyright: reportMissingTypeStubs=false
+
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.eval.emotion.metrics import EmotionEvaluation
 
@@ -12,7 +15,7 @@ if TYPE_CHECKING:
     from encoder.evaluation.emotion_sets import EmotionTruth
 
 Metrics = dict[str, float]
-Floats = Any  # NDArray[np.float32]
+Floats = NDArray[np.float32]
 INTENSITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
 HOLD_FRAMES = 30  # of each emotion, where they are switched
 SWITCHED = 12  # takes in which they are

@@ -3,19 +3,23 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.eval.emotion.settings import FINE_TUNED, RULES, SHIPPED, EmotionSettings
 
 if TYPE_CHECKING:
+    from torch import Tensor
+
     from encoder.denoiser.model import Denoiser
     from encoder.denoiser.zero_conv import ZeroConvs
     from encoder.evaluation.emotion_sets import EmotionTruth
+    from encoder.evaluation.rows import Segment
 
 Metrics = dict[str, float]
-Floats = Any  # NDArray[np.float32]
+Floats = NDArray[np.float32]
 EVERY = {"upper": 20, "lower": 40}  # vertices looked at
 
 
@@ -74,7 +78,7 @@ class EmotionEvaluation:
         lower = np.setdiff1d(sets["narrow_face"], sets["upper_face"])
         members = {"upper": sets["upper_face"], "lower": lower}
 
-        def moved(chosen: Floats) -> Callable[[Floats], Floats]:
+        def moved(chosen: NDArray[np.int32]) -> Callable[[Floats], Floats]:
             linear = self.decoder.moves(chosen)
             return lambda codes: (codes @ linear).reshape(*codes.shape[:-1], -1, 3)
 
@@ -140,14 +144,14 @@ class EmotionEvaluation:
         result[RULES] = score([self.decoder.encode(x) for x in laid])
         return result
 
-    def _inputs(self, segments: "Sequence[Any]") -> tuple[Any, Any]:
+    def _inputs(self, segments: "Sequence[Segment]") -> "tuple[Tensor, Tensor]":
         from encoder.evaluation import rows as evaluation
 
         audio = evaluation.features(segments, evaluation.whole(self.encoder))
         return audio, evaluation.true_gaze(segments)
 
 
-def load_model(student: Any, emotion: Any) -> Model:
+def load_model(student: Path, emotion: Path) -> Model:
     from encoder.training.checkpoints import load_denoiser, load_zero_convs
 
     return Model(load_denoiser(student, "student")[0], load_zero_convs(emotion)[0])

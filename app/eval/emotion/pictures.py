@@ -18,7 +18,9 @@ def save(folder: Path, evaluated: "EmotionEvaluation", seen: "dict[str, Confusio
     """Write emotions.png (named), emotions_blind.png (shuffled, numbered) and confusion.png."""
     folder.mkdir(parents=True, exist_ok=True)
     names, rows = _portraits(evaluated)
-    order = np.random.default_rng(evaluated.settings.seed).permutation(len(names))
+    order: list[int] = (
+        np.random.default_rng(evaluated.settings.seed).permutation(len(names)).tolist()
+    )
     key = ", ".join(names[i] for i in order)
     paths = [folder / name for name in ("emotions.png", "emotions_blind.png", "confusion.png")]
     _sheet(paths[0], rows, names)
@@ -78,6 +80,8 @@ def _confusions(path: Path, seen: "dict[str, Confusion]") -> None:
     from encoder.emotion.labels import LABELS
 
     regions = ("face", "upper", "lower")
+    figure: Any
+    grid: Any
     figure, grid = pyplot.subplots(
         len(seen), 3, figsize=(13, 4.4 * len(seen)), squeeze=False, constrained_layout=True
     )

@@ -59,7 +59,8 @@ def encoder_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> Metric
     from encoder.evaluation.eye_metrics import NO_BLINKS, angle_deg, compare_blinks, shut_frames
     from encoder.eyes.encoder import joined, new_encoder_state
 
-    plain, own, lid_errors, valid = [], [], [], []
+    plain, own = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
+    lid_errors, valid = list[Floats](), list[NDArray[np.bool_]]()
     blinks = NO_BLINKS
     for clip in clips:
         rows, _ = read(encoder, clip.eyes, new_encoder_state())
@@ -97,8 +98,8 @@ def fault_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]", seed: int) 
     """Share of broken pictures whose valid flag falls; 0 where anything is not finite."""
     rng = np.random.default_rng(seed)
     rows = np.concatenate([clip.eyes[::15] for clip in clips])
-    shape = rows[0].shape
-    faults: dict[str, Any] = {
+    shape: tuple[int, ...] = rows[0].shape
+    faults: dict[str, Callable[[NDArray[np.uint8]], NDArray[Any]]] = {
         "black": lambda eyes: np.zeros(shape),
         "saturated": lambda eyes: np.full(shape, 255),
         "noise": lambda eyes: rng.integers(0, 256, shape),
@@ -173,7 +174,7 @@ def told(driver: "Driver", clip: "EyeClip", seed: int) -> Floats:
     """The audio model, told where the eyes really look: codes [T, 256]."""
     from encoder.driver import frame_noise
 
-    state, codes = driver.backend.init_state(), []
+    state, codes = driver.backend.init_state(), list[Floats]()
     for t, audio in enumerate(clip.audio):
         features, state = driver.backend.audio(audio, state)
         noise = frame_noise(seed, t, driver.config.expression_dim)
@@ -196,7 +197,7 @@ def loss_metrics(
     from encoder.eyes.gaze_statistics import step_deg
     from encoder.offline import drive_clip
 
-    jumps, faces, recovery = [], [], []
+    jumps, faces, recovery = list[float](), list[float](), list[int]()
     source = driver.graph.gaze[:, :STRIDE].reshape(-1, 2, 3)
     whole = [drive_clip(driver, clip.frames(), seed) for clip in clips]
     # clips of seconds need not hold a large saccade: the walk's source is normal, too

@@ -7,7 +7,7 @@ blinks and visible eyes from lists of frames (`labels`), the pupil from an ellip
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +58,8 @@ def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed
         for t in range(count):
             x, y, radius, good = find_pupil(views[t, eye])
             pupils[t, eye] = x / EYE_SIZE, -y / EYE_SIZE, radius / EYE_SIZE, good
-    state, rows, codes = driver.init_state(seed), [], []
+    state, codes = driver.init_state(seed), list[Floats]()
+    rows: list[tuple[NDArray[Any], ...]] = []
     for frame in silent_frames(views, eyes):
         driven, state = driver.step(frame, state)
         assert isinstance(state.gaze, EyeState) and state.gaze.shown is not None
@@ -66,7 +67,8 @@ def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed
             s == OWN and lost == 0
             for s, lost in zip(state.gaze.source, state.gaze.lost, strict=True)
         ]
-        rows.append((driven.gaze, state.gaze.shown.lids, np.array(own), state.gaze.score))
+        lids, score = state.gaze.shown.lids, np.array(state.gaze.score)
+        rows.append((driven.gaze, lids, np.array(own), score))
         codes.append(driven.expression)
     gaze, lids, accepted, score = (np.stack(column) for column in zip(*rows, strict=True))
     opening = 1 - blink(np.stack(codes))

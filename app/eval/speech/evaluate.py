@@ -226,7 +226,7 @@ class SpeechEvaluation:
         from encoder import inference
         from encoder.evaluation import rows as evaluation
 
-        shifts = {}
+        shifts: dict[str, list[float]] = {}
         for kind, segments in self.kinds.items():
             audio = evaluation.features(segments, evaluation.whole(self.encoder))
             row = evaluation.student_row(self.student, audio, evaluation.true_gaze(segments))

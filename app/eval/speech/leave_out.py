@@ -5,11 +5,13 @@ without him or her (or without several), and judged against what was tracked of 
 audio encoder learns from none of them.
 """
 
+# pyright: reportMissingTypeStubs=false
+
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,7 +94,8 @@ def babble(others: list[np.ndarray], seed: int) -> Change:
 
     def change(sound: np.ndarray) -> np.ndarray:
         rng = np.random.default_rng([seed, len(sound)])
-        voices = [np.resize(others[i], len(sound)) for i in rng.integers(len(others), size=4)]
+        chosen: list[int] = rng.integers(len(others), size=4).tolist()
+        voices = [np.resize(others[i], len(sound)) for i in chosen]
         noise = np.sum([voice / max(float(voice.std()), 1e-4) for voice in voices], 0)
         level = float(sound.std()) * 10 ** (-BABBLE_DB / 20) / float(noise.std())
         return (sound + level * noise).astype(np.float32)
@@ -101,10 +104,11 @@ def babble(others: list[np.ndarray], seed: int) -> Change:
 
 
 def telephone() -> Change:
-    from scipy.signal import butter, sosfilt
+    from scipy import signal
 
-    band = butter(6, TELEPHONE_HZ, fs=RATE, output="sos")
-    return lambda sound: np.asarray(sosfilt(band, sound)).astype(np.float32)
+    filters: Any = signal
+    band = filters.butter(6, TELEPHONE_HZ, fs=RATE, output="sos")
+    return lambda sound: np.asarray(filters.sosfilt(band, sound)).astype(np.float32)
 
 
 def drivers_of(data: Path, weights: Path | None) -> dict[str, "Driver"]:
@@ -122,7 +126,7 @@ def drivers_of(data: Path, weights: Path | None) -> dict[str, "Driver"]:
             "livedrive train distill --leave-out grid-s2, and so on"
         )
     networks, _ = inference.load_networks(weights)
-    result = {}
+    result: dict[str, Driver] = {}
     for talker, folder in sorted(found.items()):
         config, student, card = inference.load_student(folder, "gaze")
         if card["audio_sha256"] != networks_sha256(weights):

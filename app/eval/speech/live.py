@@ -1,5 +1,7 @@
 """The live path under judgement: the Driver, tick by tick, on speech, silence and noise."""
 
+# pyright: reportMissingTypeStubs=false
+
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -101,7 +103,7 @@ def speech_metrics(
             f"eval speech: expected {', '.join(SOUNDS)} files in {folder}, got none; "
             "give a folder of speech"
         )
-    scores, openings = [], []
+    scores, openings = list[tuple[float, int]](), list[np.ndarray]()
     for path in paths:
         sound = load_sound(path)
         opening = mesh.opening_mm(drive(driver, sound, seed))
