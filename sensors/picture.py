@@ -33,7 +33,7 @@ class Shot:
     skipped: int = 0  # pictures that came with it and were older
 
 
-class Link(Protocol):
+class CameraLink(Protocol):
     """An open connection to a camera."""
 
     def read(self, timeout_s: float) -> Shot | None:

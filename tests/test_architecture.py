@@ -225,3 +225,22 @@ def test_folders_hold_few_modules() -> None:
         if path.name not in ("__init__.py", "__main__.py"):
             count[folder_of(path)] = count.get(folder_of(path), 0) + 1
     assert {name: num for name, num in count.items() if num > MAX_MODULES} == {}
+
+
+def classes(path: Path) -> list[str]:
+    body = ast.parse(text(path)).body
+    return [
+        node.name
+        for node in body
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_")
+    ]
+
+
+def test_a_class_name_has_one_meaning() -> None:
+    """The classes in app/commands are named as one types them (`call`, `session`)."""
+    homes: dict[str, list[str]] = {}
+    for path in SOURCES:
+        if folder_of(path).split(".")[:2] != ["app", "commands"]:
+            for name in classes(path):
+                homes.setdefault(name, []).append(module_of(path))
+    assert {name: found for name, found in homes.items() if len(found) > 1} == {}

@@ -9,7 +9,7 @@ from sensors.types import FPS, NS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
     from encoder.eyes.encoder import EyeEncoder
-    from encoder.eyes.routine import EyeFit, Target, TargetSamples
+    from encoder.eyes.routine import EyeFit, RoutineStep, TargetSamples
 
 LEAD_S = 2.0  # before the first target, to get ready
 
@@ -24,7 +24,7 @@ def words_of_fit(eye: "EyeFit") -> str:
     return "; ".join([line, *left])
 
 
-def words_of(target: "Target") -> str:
+def words_of(target: "RoutineStep") -> str:
     """What a person is to do."""
     if target.name != "look":
         return {"blink": "blink a few times", "close": "close your eyes"}[target.name]

@@ -14,7 +14,7 @@ from typing import Protocol
 from sensors.types import InputError
 
 
-class Block(Protocol):
+class SharedBlock(Protocol):
     """Zeros at first; it lives as long as anybody has it open."""
 
     handle: str
@@ -26,13 +26,13 @@ class Block(Protocol):
         ...
 
 
-def create(size: int) -> Block:  # bytes
+def create(size: int) -> SharedBlock:  # bytes
     if sys.platform == "linux":
         return AnonymousBlock(os.memfd_create("livedrive"), size)
     return NamedBlock(None, size)
 
 
-def attach(handle: str, size: int) -> Block:
+def attach(handle: str, size: int) -> SharedBlock:
     """What another process created. Raises InputError where it is gone."""
     kind, _, word = handle.partition(":")
     if kind == "fd":

@@ -30,7 +30,7 @@ class Address:
 
 
 @dataclass(frozen=True)
-class Entry:
+class SinkScheme:
     """One scheme. `open` gets the address and returns the sink that serves it, which may be one
     that serves others, too; it raises InputError at an address that cannot be used."""
 
@@ -90,11 +90,15 @@ def _ws(address: Address, outlet: Outlet) -> "WebSink":
     return WebSink(info, outlet.clock)
 
 
-SCHEMES: dict[str, Entry] = {
-    "vmc": Entry(_vmc, "vmc://127.0.0.1:39539", "VMC programs: VSeeFace, Warudo, VNyan"),
-    "vrchat": Entry(_vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC"),
-    "livelink": Entry(_livelink, "livelink://127.0.0.1:11111", "Live Link Face: Unreal Engine"),
-    "ws": Entry(_ws, "ws://127.0.0.1:9001", "JSON that programs fetch from here over WebSocket"),
+SCHEMES: dict[str, SinkScheme] = {
+    "vmc": SinkScheme(_vmc, "vmc://127.0.0.1:39539", "VMC programs: VSeeFace, Warudo, VNyan"),
+    "vrchat": SinkScheme(_vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC"),
+    "livelink": SinkScheme(
+        _livelink, "livelink://127.0.0.1:11111", "Live Link Face: Unreal Engine"
+    ),
+    "ws": SinkScheme(
+        _ws, "ws://127.0.0.1:9001", "JSON that programs fetch from here over WebSocket"
+    ),
 }
 HELP = "; ".join(f"{entry.example} ({entry.help})" for entry in SCHEMES.values())
 

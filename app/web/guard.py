@@ -66,7 +66,7 @@ class ConnectionLimiter:
     async def work(self, tls: ssl.SSLContext | None) -> None:
         """Accept for ever."""
         loop = asyncio.get_running_loop()
-        budget = Budget(ACCEPTS, loop.time())
+        budget = RateLimit(ACCEPTS, loop.time())
         while True:
             try:
                 end, _ = await loop.sock_accept(self._listener)
@@ -107,7 +107,7 @@ class ConnectionLimiter:
             protocol.transport.abort()
 
 
-class Budget:
+class RateLimit:
     """How many messages a client may send: `rate` a second, with bursts of one second's worth."""
 
     def __init__(self, rate: float, now_s: float) -> None:

@@ -6,7 +6,7 @@ from collections import deque
 
 from aiohttp import WSMsgType, web
 
-from app.web.guard import Budget
+from app.web.guard import RateLimit
 
 STALL_S = 5.0  # a message must be taken within this time
 CLOSE_S = 1.0  # wait for the other side's goodbye
@@ -89,7 +89,7 @@ class Hub:
 async def _mind(ws: web.WebSocketResponse, transport: asyncio.Transport | None) -> None:
     """Read what a listener sends, which should be next to nothing; return when it is gone."""
     loop = asyncio.get_running_loop()
-    budget = Budget(MAX_MESSAGES, loop.time())
+    budget = RateLimit(MAX_MESSAGES, loop.time())
     async for message in ws:
         if not budget.spend(loop.time()):
             if transport:

@@ -10,7 +10,7 @@ from typing import Protocol
 from aiohttp import WSCloseCode, WSMsgType, web
 
 from app.process.channel import Channel
-from app.web.guard import Budget
+from app.web.guard import RateLimit
 from app.web.hub import CLOSE_S
 
 SILENT_S = 10.0  # a page that sends nothing for so long is disconnected
@@ -68,7 +68,7 @@ class Uplink:
             compress=False,
         )
         await ws.prepare(request)
-        budget = Budget(messages.max_rate, loop.time())
+        budget = RateLimit(messages.max_rate, loop.time())
         try:
             async for message in ws:
                 arrival_ns = time.monotonic_ns()

@@ -1,6 +1,6 @@
 """The headset's poses as a HeadSource: what `--head xr` and `--head auto` with --xr listen to.
 
-headset's process -> shared memory -> Gate -> HeadSource.poll -> LiveSource
+headset's process -> shared memory -> ReadingGate -> HeadSource.poll -> LiveSource
 """
 
 from collections.abc import Callable
@@ -8,7 +8,7 @@ from math import isfinite
 
 from app.xr.link import XrMemory
 from sensors.head import headset
-from sensors.head.gate import Gate
+from sensors.head.gate import ReadingGate
 from sensors.head.source import HeadSource
 from sensors.types import Clock, HeadPacket
 
@@ -19,7 +19,7 @@ class HeadsetLink:
     """Takes the poses that the headset's process has left."""
 
     def __init__(self, memory: XrMemory, clock: Clock, tell: Callable[[str], None]) -> None:
-        self._memory, self._clock, self._gate = memory, clock, Gate(NAME, tell)
+        self._memory, self._clock, self._gate = memory, clock, ReadingGate(NAME, tell)
         self.counts = self._gate.counts
         self._number = -1
 

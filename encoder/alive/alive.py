@@ -43,7 +43,7 @@ class AliveState:
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class AliveFrame:
     """One frame of it."""
 
     expression: Floats  # [256]
@@ -74,7 +74,7 @@ class Alive:
         synthesised: bool,  # the gaze
         seed: int,
         state: AliveState,
-    ) -> tuple[Shown, AliveState]:
+    ) -> tuple[AliveFrame, AliveState]:
         heard, prosody_state = prosody.step(frame.audio, state.prosody)
         brows, lungs, face_state = face.step(frame.index, heard, seed, state.face)
         wanted = _pitch_yaw(gaze) if synthesised and self.mode != "track" else None
@@ -96,7 +96,7 @@ class Alive:
             gaze = turned.astype(np.float32)
         shown = face.changed(expression, self.shapes, brows, lungs, up)
         after = AliveState(prosody_state, motion_state, face_state, track)
-        return Shown(shown, gaze, head, lungs), after
+        return AliveFrame(shown, gaze, head, lungs), after
 
 
 def _pitch_yaw(gaze: Floats) -> tuple[float, float]:

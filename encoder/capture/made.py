@@ -69,7 +69,7 @@ def join(parts: list[Speech], pauses_s: tuple[float, float], rng: np.random.Gene
 
 
 @dataclass(frozen=True)
-class Speaker:
+class Talker:
     """Who speaks: all that stays the same over a subject's takes."""
 
     voice: Voice
@@ -80,7 +80,7 @@ class Speaker:
 
 def spoken_take(
     speech: Speech,
-    who: Speaker,
+    who: Talker,
     rng: np.random.Generator,
     *,
     truth: str = "rules",
@@ -111,7 +111,7 @@ def subject_takes(
 ) -> Iterator[Take]:
     """A subject's takes: freeform, sentences, emotions in turn and rest, `seconds` in all."""
     rng = np.random.default_rng(seed)
-    who = Speaker(draw_voice(split, rng), Style.draw(rng), lips, split)
+    who = Talker(draw_voice(split, rng), Style.draw(rng), lips, split)
     espeak, mood = Espeak(), int(rng.integers(len(LABELS)))
     for kind, share in SHARES.items():
         left = share * seconds
@@ -127,7 +127,7 @@ def subject_takes(
 
 
 def _speech_take(
-    kind: str, emotion: str, who: Speaker, espeak: Espeak, rng: np.random.Generator
+    kind: str, emotion: str, who: Talker, espeak: Espeak, rng: np.random.Generator
 ) -> Take:
     number = int(rng.integers(1 << 31))
     if kind == "sentence":
@@ -152,7 +152,7 @@ def language_takes(
     testing = split == "test"
     texts = list(TEXTS[language]) if testing else VOICES * sentences_of(language)
     for text in texts:
-        who = Speaker(draw_voice(split, rng, language), Style.draw(rng), lips, split)
+        who = Talker(draw_voice(split, rng, language), Style.draw(rng), lips, split)
         speech = join(speak(who.voice, [text], "neutral", espeak, rng), (0.25, 0.7), rng)
         yield spoken_take(speech, who, rng, kind="language", text=text)
 

@@ -31,7 +31,7 @@ def embed_tau(tau: Tensor, dim: int) -> Tensor:  # [B] -> [B, dim] sines and cos
     return torch.cat([angles.cos(), angles.sin()], -1)
 
 
-class Block(nn.Module):
+class DenoiserBlock(nn.Module):
     """Attention and feed-forward, both modulated by tau (AdaLN with zero-initialised gates)."""
 
     def __init__(self, config: DenoiserConfig) -> None:
@@ -87,7 +87,7 @@ class Denoiser(nn.Module):
             nn.Linear(config.dim, config.dim),
             nn.SiLU(),
         )
-        self.blocks = nn.ModuleList(Block(config) for _ in range(config.layers))
+        self.blocks = nn.ModuleList(DenoiserBlock(config) for _ in range(config.layers))
         self.norm = nn.LayerNorm(config.dim)
         self.output = nn.Linear(config.dim, config.expression_dim)
         self.direct: Direct | None = None

@@ -16,7 +16,7 @@ from encoder.types import Floats
 
 
 @dataclass(eq=False)
-class Ring:
+class KeyValueRing:
     """What the network reads; frame t lies in slot t % w."""
 
     keys: Floats  # [L, H, w, D] rotated
@@ -29,14 +29,14 @@ class Past:
     """Frames before `frame`; slots of frames that never were hold zeros."""
 
     frame: int
-    ring: Ring
+    ring: KeyValueRing
     last: Floats  # [w, 2, L, H, D] log of the block before the current one; complete
     current: Floats  # [w, 2, L, H, D] log of the current block, filled up to slot frame % w
 
     @staticmethod
     def empty(layers: int, heads: int, window: int, head_dim: int) -> Past:
         shape = (layers, heads, window, head_dim)
-        ring = Ring(np.zeros(shape, np.float32), np.zeros(shape, np.float32), 0)
+        ring = KeyValueRing(np.zeros(shape, np.float32), np.zeros(shape, np.float32), 0)
         block = (window, 2, layers, heads, head_dim)
         return Past(0, ring, np.zeros(block, np.float32), np.zeros(block, np.float32))
 
@@ -48,7 +48,7 @@ class Past:
         current = self.current.copy()  # its next row may be another future's
         rows = np.concatenate([current[:slot], self.last[slot:]])
         keys, values = np.ascontiguousarray(rows.transpose(1, 2, 3, 0, 4))
-        return Past(self.frame, Ring(keys, values, self.frame), self.last, current)
+        return Past(self.frame, KeyValueRing(keys, values, self.frame), self.last, current)
 
     def followed_by(self, key: Floats, value: Floats) -> Past:
         """The past of the next frame, from an owned one; key, value [L, H, D] of this frame."""

@@ -18,7 +18,7 @@ NEAR_S = 2 / FPS  # that a closure may be early or late
 
 
 @dataclass(frozen=True, eq=False)
-class Take:
+class TalkerClip:
     """A clip's lips [T, n, 3], shown and tracked, and its phones (none: not known)."""
 
     shown: np.ndarray
@@ -26,7 +26,7 @@ class Take:
     phones: Sequence[Phone]
 
 
-def openings(takes: Sequence[Take], marks: LipMarks) -> list[tuple[Doubles, Doubles]]:
+def openings(takes: Sequence[TalkerClip], marks: LipMarks) -> list[tuple[Doubles, Doubles]]:
     """Lips that press into each other are shut, no less."""
     return [
         (np.maximum(marks.opening_mm(take.shown), 0), np.maximum(marks.opening_mm(take.tracked), 0))
@@ -34,7 +34,7 @@ def openings(takes: Sequence[Take], marks: LipMarks) -> list[tuple[Doubles, Doub
     ]
 
 
-def widths(takes: Sequence[Take], marks: LipMarks) -> list[tuple[Doubles, Doubles]]:
+def widths(takes: Sequence[TalkerClip], marks: LipMarks) -> list[tuple[Doubles, Doubles]]:
     left, right = marks.corners
 
     def width(lips: np.ndarray) -> Doubles:
@@ -64,7 +64,7 @@ def best_shift_ms(pairs: Sequence[tuple[Doubles, Doubles]]) -> tuple[float, floa
     return float(SHIFTS_MS[best]), found[best]
 
 
-def closures(takes: Sequence[Take], marks: LipMarks) -> dict[str, tuple[int, int]]:
+def closures(takes: Sequence[TalkerClip], marks: LipMarks) -> dict[str, tuple[int, int]]:
     """p b m that are shown shut, and of how many: at the start of speech after a pause, and inside
     of it."""
     counts = {"initial": [0, 0], "inside": [0, 0]}
@@ -82,7 +82,7 @@ def closures(takes: Sequence[Take], marks: LipMarks) -> dict[str, tuple[int, int
     return {name: (found, of) for name, (found, of) in counts.items()}
 
 
-def figures(takes: Sequence[Take], marks: LipMarks) -> dict[str, float]:
+def figures(takes: Sequence[TalkerClip], marks: LipMarks) -> dict[str, float]:
     """One talker's row of the table."""
     opening, width = openings(takes, marks), widths(takes, marks)
     shift, best = best_shift_ms(opening)

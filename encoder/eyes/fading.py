@@ -13,7 +13,7 @@ FASTEST = 0.313  # chord of 18 degrees, more than eyes turn in a frame: a misrea
 CALMEST = 0.3  # share of a small move that is shown at once
 
 
-class Seen(NamedTuple):
+class ShownEyes(NamedTuple):
     """Both eyes as the head shall show them, left first."""
 
     features: Array  # [2, 80]
@@ -46,17 +46,17 @@ def calmed(before: Array, after: Array, doubt_deg: float) -> Array:
     return turned(before, after, np.float32(max(move / doubt_deg, CALMEST)))
 
 
-def put(faded: Seen | None, shown: Seen | None, eye: int) -> Seen | None:
+def put(faded: ShownEyes | None, shown: ShownEyes | None, eye: int) -> ShownEyes | None:
     """`faded` with one eye as it is shown now."""
     if faded is None or shown is None:
         return shown
     mixed = [old.copy() for old in faded]
     for new, now in zip(mixed, shown, strict=True):
         new[eye] = now[eye]
-    return Seen(*mixed)
+    return ShownEyes(*mixed)
 
 
-def mixed(start: Seen, end: Seen, frames: list[int]) -> Seen:
+def mixed(start: ShownEyes, end: ShownEyes, frames: list[int]) -> ShownEyes:
     """Between two, as far as each eye's fade has come; at the end exactly `end`."""
     done = (np.array(frames, np.float32) + 1) / (FADE_FRAMES + 1)
     weight = (done * done * (3 - 2 * done)).astype(np.float32)
@@ -70,4 +70,4 @@ def mixed(start: Seen, end: Seen, frames: list[int]) -> Seen:
         np.where(fading.reshape(-1, *[1] * (b.ndim - 1)), m, b).astype(np.float32)
         for m, b in zip(parts, end, strict=True)
     ]
-    return Seen(*kept)
+    return ShownEyes(*kept)

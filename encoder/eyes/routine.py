@@ -31,7 +31,7 @@ GOOD_DEG, FAIR_DEG = 2.0, 3.5  # off the targets
 
 
 @dataclass(frozen=True)
-class Target:
+class RoutineStep:
     """One step of the routine."""
 
     name: str  # "look", "blink" or "close"
@@ -48,13 +48,13 @@ class Target:
 
 
 ROUTINE = (
-    Target("look"),
-    Target("look", yaw_deg=15),
-    Target("look", yaw_deg=-15),
-    Target("look", pitch_deg=10),
-    Target("look", pitch_deg=-12),
-    Target("blink", seconds=1.4),
-    Target("close", seconds=1.6),
+    RoutineStep("look"),
+    RoutineStep("look", yaw_deg=15),
+    RoutineStep("look", yaw_deg=-15),
+    RoutineStep("look", pitch_deg=10),
+    RoutineStep("look", pitch_deg=-12),
+    RoutineStep("blink", seconds=1.4),
+    RoutineStep("close", seconds=1.6),
 )
 
 
@@ -62,7 +62,7 @@ ROUTINE = (
 class TargetSamples:
     """What the eye encoder said while one target was shown, from the first frame on."""
 
-    target: Target
+    target: RoutineStep
     gaze: Array  # [T, 2, 3]
     relative: Array  # [T, 2, 3]
     lids: Array  # [T, 2]

@@ -27,7 +27,7 @@ from encoder.eyes.encoder import (
 from encoder.eyes.fading import (
     FADE_FRAMES,
     Array,
-    Seen,
+    ShownEyes,
     bounded,
     calmed,
     limited,
@@ -54,8 +54,8 @@ class EyeState:
     """A value."""
 
     walk: WalkState
-    shown: Seen | None  # of the last frame; None before the first
-    faded: Seen | None  # where the running fades began
+    shown: ShownEyes | None  # of the last frame; None before the first
+    faded: ShownEyes | None  # where the running fades began
     session: SessionState
     encoder: EncoderState
     calibration: EyeCalibration | None = None  # of the person
@@ -68,7 +68,7 @@ class EyeState:
 
 
 class EyeTracker:
-    """step(reading, fresh, state) -> Seen; holds weights only."""
+    """step(reading, fresh, state) -> ShownEyes; holds weights only."""
 
     def __init__(self, encoder: EyeEncoder, walk: GazeWalk) -> None:
         self.encoder, self.walk = encoder, walk
@@ -89,7 +89,7 @@ class EyeTracker:
         reading: EyeReading | None,  # None: no camera has delivered anything
         fresh: NDArray[np.bool_],  # [2] the picture is new enough
         state: EyeState,
-    ) -> tuple[Seen, EyeState]:
+    ) -> tuple[ShownEyes, EyeState]:
         good, state = _noticed(reading, fresh, state)
         own = None
         if reading is not None and good.any():
@@ -101,7 +101,7 @@ class EyeTracker:
         holds = [lost[eye] <= (NO_EYE_FRAMES if fresh[eye] else HOLD_FRAMES) for eye in (0, 1)]
         source = tuple(_source(e, good, holds, state.source, first) for e in (0, 1))
         walked, state = self._walked(WALK in source, bool(fresh.any()), state)
-        parts: list[Seen] = []
+        parts: list[ShownEyes] = []
         fade, faded = list(state.fade), state.faded
         for eye in (0, 1):
             changed = source[eye] != state.source[eye]
@@ -112,7 +112,7 @@ class EyeTracker:
             if (changed or back or other) and not first:
                 fade[eye], faded = 0, put(faded, state.shown, eye)
             parts.append(self._target(eye, source[eye], bool(good[eye]), own, walked, state))
-        seen = Seen(*(np.stack(rows) for rows in zip(*parts, strict=True)))
+        seen = ShownEyes(*(np.stack(rows) for rows in zip(*parts, strict=True)))
         if faded is not None and min(fade) < FADE_FRAMES:
             seen = mixed(faded, seen, fade)
         if state.shown is not None:
@@ -125,7 +125,7 @@ class EyeTracker:
 
     def _own(
         self, reading: EyeReading, told: Array, good: NDArray[np.bool_], state: EyeState
-    ) -> Seen:
+    ) -> ShownEyes:
         """The person's own gaze and lids, of the eyes that are seen; the features move along."""
         calibration = state.calibration or state.session.calibration()
         gaze, lids = calibration.apply(told, reading.relative, reading.lids)
@@ -137,11 +137,11 @@ class EyeTracker:
             gaze = np.stack(
                 [calmed(state.shown.gaze[e], gaze[e], float(reading.doubt[e])) for e in (0, 1)]
             )
-        return Seen(features, gaze, lids)
+        return ShownEyes(features, gaze, lids)
 
     def _walked(
         self, needed: bool, delivers: bool, state: EyeState
-    ) -> tuple[Seen | None, EyeState]:
+    ) -> tuple[ShownEyes | None, EyeState]:
         """The next frame of synthesised eyes, begun where the eyes look now. While a camera
         delivers they do not blink: a blink of the head's is one that a camera saw."""
         if not needed:
@@ -151,29 +151,29 @@ class EyeTracker:
             walk = self.walk.near(state.shown.gaze, walk)
         gaze, lid, walk = self.walk.step(walk)
         lids = np.full(2, 1.0 if delivers else lid, np.float32)
-        walked = Seen(self.encoder.synthesise(gaze, lids), gaze, lids)
+        walked = ShownEyes(self.encoder.synthesise(gaze, lids), gaze, lids)
         return walked, replace(state, walk=walk, walking=True)
 
     def _target(
-        self, eye: int, source: int, good: bool, own: Seen | None, walked: Seen | None,
+        self, eye: int, source: int, good: bool, own: ShownEyes | None, walked: ShownEyes | None,
         state: EyeState,
-    ) -> Seen:  # fmt: skip
+    ) -> ShownEyes:  # fmt: skip
         """One eye's features, gaze and lid from its source."""
         shown = state.shown
         if source == WALK and walked is not None:
-            return Seen(walked.features[eye], walked.gaze[eye], walked.lids[eye])
+            return ShownEyes(walked.features[eye], walked.gaze[eye], walked.lids[eye])
         if source == OTHER and own is not None:
-            there = Seen(own.features[1 - eye], own.gaze[1 - eye], own.lids[1 - eye])
+            there = ShownEyes(own.features[1 - eye], own.gaze[1 - eye], own.lids[1 - eye])
             gaze = np.stack([there.gaze, there.gaze])
             average = self.encoder.synthesise(gaze, np.stack([there.lids, there.lids]))
             # features are of left-like eyes: what looks out here looks in over there
             features = bounded(there.features + average[eye] - average[1 - eye])
-            here = Seen(features, there.gaze, there.lids)
+            here = ShownEyes(features, there.gaze, there.lids)
         elif good and own is not None:
-            here = Seen(own.features[eye], own.gaze[eye], own.lids[eye])
+            here = ShownEyes(own.features[eye], own.gaze[eye], own.lids[eye])
         else:  # hold
             assert shown is not None
-            return Seen(shown.features[eye], shown.gaze[eye], shown.lids[eye])
+            return ShownEyes(shown.features[eye], shown.gaze[eye], shown.lids[eye])
         sight = np.float32(np.clip((here.lids - SHUT) / (OPEN - SHUT), 0, 1))
         if shown is None or sight == 1:
             return here

@@ -44,7 +44,7 @@ class Wearer:
     identity: Identity
     look: Look
     skins: tuple[parts.EyeSkin, parts.EyeSkin]
-    strands: tuple[parts.Strands, parts.Strands]
+    strands: tuple[parts.Lashes, parts.Lashes]
 
 
 class NearEye:
@@ -89,7 +89,7 @@ class NearEye:
             for eye in range(2)
         ]  # fmt: skip
         hair = [
-            parts.Strands.draw(skin, look.lashes, look.lash_length, look.lash_curl, rng)
+            parts.Lashes.draw(skin, look.lashes, look.lash_length, look.lash_curl, rng)
             for skin in skins
         ]
         return Wearer(identity, look, (skins[0], skins[1]), (hair[0], hair[1]))
@@ -131,7 +131,7 @@ class NearEye:
         skin: parts.EyeSkin,
         posed: Floats,
         margins: tuple[Floats, Floats],
-        strands: parts.Strands,
+        strands: parts.Lashes,
         gaze: Floats,
         look: Look,
     ) -> Floats:  # [size_px, size_px] linear

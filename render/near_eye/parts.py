@@ -141,7 +141,7 @@ def normals(points: Floats, faces: NDArray[np.int32]) -> Floats:
 
 
 @dataclass(frozen=True)
-class Strands:
+class Lashes:
     """One person's lashes: constants drawn once, so that they stay over a clip."""
 
     at: Floats  # [n] place along the margin, mm
@@ -153,7 +153,7 @@ class Strands:
     @staticmethod
     def draw(
         skin: EyeSkin, count: int, length: float, curl: float, rng: np.random.Generator
-    ) -> "Strands":
+    ) -> "Lashes":
         lower = count // 2
         ends = [np.sort(skin.rest[lid, 0])[[0, -1]] for lid in (skin.upper, skin.lower)]
         at = np.concatenate([
@@ -166,7 +166,7 @@ class Strands:
         lean = 0.06 * at + rng.normal(0, 0.22, len(at))
         own = curl * rng.uniform(0.6, 1.3, len(at))
         at, reach, lean, own = (v.astype(np.float32) for v in (at, reach, lean, own))
-        return Strands(at, reach, lean, own, upper)
+        return Lashes(at, reach, lean, own, upper)
 
     def curves(self, margins: tuple[Floats, Floats]) -> Floats:
         """[n, LASH_STEPS, 3]: out of the lid, then curling away from the opening."""

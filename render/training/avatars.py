@@ -16,7 +16,7 @@ from render.training.data.people import Skin
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.beard import Strands
+from render.training.geometry.beard import BeardStyle
 from render.training.look import brows, clothes
 from render.training.look.brows import Brows
 from render.types import Floats
@@ -42,7 +42,7 @@ class Recipe:
     lashes: float = 1.0  # length, factor
     tone: float = 1.0  # gain of the skins
     stubble: float = 0.0  # 0 shaven .. 1 full
-    beard: Strands | None = None
+    beard: BeardStyle | None = None
     hairs: int = 17_000
 
 
@@ -82,7 +82,7 @@ RECIPES = {
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
     "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
                    "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, 0.3), FULL, 0.8, 1.0, 0.9,
-                   Strands(3600, 11.0)),
+                   BeardStyle(3600, 11.0)),
     "ines": Recipe(97, 0.45, 1.7,
                     ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
                    "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1, hairs=18_000),
@@ -92,7 +92,7 @@ RECIPES = {
                    hairs=9000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
-                   Strands(3600, 7.0, 0.7)),
+                   BeardStyle(3600, 7.0, 0.7)),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
@@ -113,7 +113,7 @@ def make(
     bare = people.relaxed(face, modes)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     first, second, mix = recipe.skins
-    person = people.Person(
+    person = people.VirtualPerson(
         modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.full(3, recipe.tone, np.float32),
         recipe.eye,
         np.ones(len(face.rig_names), np.float32), recipe.skin,

@@ -11,7 +11,7 @@ from render.decoder.learned.light import tensors_of
 from render.decoder.posing import GEOMETRY_STEPS
 from render.decoder.prior_file import Tensors
 from render.training.fitting.fit import Fitted
-from render.training.fitting.learn import Networks
+from render.training.fitting.learn import DecoderNetworks
 from render.training.geometry.anchors import Anchors, plain, uv
 from render.training.geometry.assembly import Assembly
 
@@ -27,7 +27,7 @@ def tensors(
     anchors: Anchors,
     fitted: Fitted,
     coding: Coding,
-    nets: Networks,
+    nets: DecoderNetworks,
     used: NDArray[np.int32],
 ) -> Tensors:
     """What render/decoder/prior_file.py and render/avatars/maker.py read."""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 
 @dataclass(frozen=True, eq=False)
-class Block:
+class SoundBlock:
     """One callback's worth of sound."""
 
     first_sample: int  # counter since the stream started, dropped blocks included
@@ -52,13 +52,13 @@ class BlockRing:
         self._counter += num
         self._written += 1
 
-    def read(self) -> list[Block]:
+    def read(self) -> list[SoundBlock]:
         """Every whole block that has not been read yet, oldest first."""
-        blocks: list[Block] = []
+        blocks: list[SoundBlock] = []
         while self._read < self._written:
             slot = self._read % len(self._samples)
             samples = self._samples[slot, : self._length[slot]].copy()
             first, arrival = int(self._first[slot]), int(self._arrival_ns[slot])
-            blocks.append(Block(first, arrival, samples, bool(self._overflow[slot])))
+            blocks.append(SoundBlock(first, arrival, samples, bool(self._overflow[slot])))
             self._read += 1
         return blocks

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.audio.block_ring import Block
+from sensors.audio.block_ring import SoundBlock
 from sensors.audio.portaudio import DeviceError, InputStream, library
 from sensors.clock_map import ClockMap
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, Clock, Packet, SourceInfo
@@ -151,7 +151,7 @@ class Track:
         self.stream, self.map, self._counter = stream, ClockMap(), -1
         self._resampler = None if stream.rate == SAMPLE_RATE else _Resampler(stream.rate)
 
-    def packet(self, block: Block) -> AudioPacket | None:
+    def packet(self, block: SoundBlock) -> AudioPacket | None:
         assert self.stream is not None
         rate = self.stream.rate
         end = block.first_sample + len(block.samples)

@@ -1,6 +1,6 @@
 """EyeCamera: a thread that keeps one camera alive and holds its newest pictures.
 
-Flow: Link.read -> checks -> Views -> newest pictures -> poll. The states are connecting, live
+Flow: CameraLink.read -> checks -> Views -> newest pictures -> poll. The states are connecting, live
 and waiting; a lost camera is tried again with growing pauses and never holds up the tick.
 """
 
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from sensors.cameras.views import Views
 from sensors.clock_map import ClockMap
-from sensors.picture import BadPictureError, CameraLostError, Link, Shot, check_content
+from sensors.picture import BadPictureError, CameraLink, CameraLostError, Shot, check_content
 from sensors.types import EYE_NAMES, NS, Clock, EyePacket, InputError
 
 READ_S = 0.25  # how long a read may block; the thread ends this fast
@@ -25,7 +25,7 @@ JOIN_S = 1.5
 # belongs to it may have up to three younger ones at 120 Hz; the assembler takes the right one.
 NEWEST = 4
 
-Connect = Callable[[], Link]
+Connect = Callable[[], CameraLink]
 
 
 @dataclass
@@ -110,7 +110,7 @@ class EyeCamera:
                 self._closing.wait(RETRY_S[min(failures, len(RETRY_S) - 1)])
                 failures += 1
 
-    def _stream(self, link: Link) -> None:
+    def _stream(self, link: CameraLink) -> None:
         """Read until the camera is lost or closed."""
         self._map, self._shape, self._odd_run = ClockMap(), None, 0
         seen_ns, kept_ns, bad_run = self._clock.now_ns(), -NS, 0

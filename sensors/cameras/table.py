@@ -29,7 +29,7 @@ class CameraTarget:
 
 
 @dataclass(frozen=True)
-class Entry:
+class CameraScheme:
     """One scheme. `open` raises InputError at a target that cannot be used, and returns what
     connects to the camera; it does not connect yet."""
 
@@ -106,13 +106,19 @@ def _session(target: CameraTarget, clock: Clock) -> Connect:
     return lambda: PlayedCameraLink(session_pictures(path), clock)
 
 
-SCHEMES: dict[str, Entry] = {
-    "uvc": Entry(_uvc, "uvc:0", "a camera of the operating system, by number or device"),
-    "http": Entry(_http, "http://host:81/", "MJPEG over the network, e.g. OpenIris or EyeTrackVR"),
-    "serial": Entry(_serial, "serial:/dev/ttyACM0", "OpenIris over USB serial"),
-    "usb": Entry(_usb, "usb:35bd:0202", "a USB camera without a driver, by vendor and product"),
-    "file": Entry(_file, "file:eye.mkv", "a video, played over and over"),
-    "session": Entry(_session, "session:DIR", "the eyes of a recorded session, over and over"),
+SCHEMES: dict[str, CameraScheme] = {
+    "uvc": CameraScheme(_uvc, "uvc:0", "a camera of the operating system, by number or device"),
+    "http": CameraScheme(
+        _http, "http://host:81/", "MJPEG over the network, e.g. OpenIris or EyeTrackVR"
+    ),
+    "serial": CameraScheme(_serial, "serial:/dev/ttyACM0", "OpenIris over USB serial"),
+    "usb": CameraScheme(
+        _usb, "usb:35bd:0202", "a USB camera without a driver, by vendor and product"
+    ),
+    "file": CameraScheme(_file, "file:eye.mkv", "a video, played over and over"),
+    "session": CameraScheme(
+        _session, "session:DIR", "the eyes of a recorded session, over and over"
+    ),
 }
 EXAMPLES = ", ".join(entry.example for entry in SCHEMES.values())
 HELP = "; ".join(f"{entry.example} ({entry.help})" for entry in SCHEMES.values())

@@ -1,7 +1,7 @@
-"""Gate: what a tracker claims -> HeadPackets that can be trusted. Bad ones are counted and dropped.
+"""What a tracker claims -> HeadPackets that can be trusted; bad readings are counted and dropped.
 
-Flow: datagram -> decoder -> Reading -> Gate -> HeadPacket -> HeadSource.poll. A sender may flood,
-send NaN or a quaternion of zeros, jump, and has a clock of its own.
+Flow: datagram -> decoder -> Reading -> ReadingGate -> HeadPacket -> HeadSource.poll. A sender may
+flood, send NaN or a quaternion of zeros, jump, and has a clock of its own.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ class Reading:
 
 
 @dataclass
-class Counts:
+class ReadingCounts:
     """What became of the readings."""
 
     poses: int = 0  # passed on
@@ -45,12 +45,12 @@ class Counts:
     clock_jumps: int = 0  # times that the sender's clock was set anew
 
 
-class Gate:
+class ReadingGate:
     """Checks the readings of one sender, in order of arrival."""
 
     def __init__(self, name: str, tell: Callable[[str], None]) -> None:
         """`tell` gets one line the first time that something is dropped for a new reason."""
-        self.counts = Counts()
+        self.counts = ReadingCounts()
         self._name, self._tell = name, tell
         self._told = set[str]()
         self._map = ClockMap()

@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from sensors.head.gate import Counts, Gate, Reading
+from sensors.head.gate import Reading, ReadingCounts, ReadingGate
 from sensors.types import FPS, NS, Clock, HeadPacket, InputError
 
 BURST = 32  # datagrams that are read before the thread rests
@@ -22,7 +22,13 @@ class UdpLink:
     """Datagrams to a port, read by a thread of its own."""
 
     def __init__(
-        self, host: str, port: int, decode: Decode, max_datagram: int, gate: Gate, clock: Clock
+        self,
+        host: str,
+        port: int,
+        decode: Decode,
+        max_datagram: int,
+        gate: ReadingGate,
+        clock: Clock,
     ) -> None:
         self.counts = gate.counts
         self._address = (host, port)
@@ -97,7 +103,7 @@ class PlayedHeadLink:
     """Recorded poses, played at their pace from the moment of opening, over and over."""
 
     def __init__(self, packets: Sequence[HeadPacket], clock: Clock) -> None:
-        self.counts = Counts()
+        self.counts = ReadingCounts()
         self._packets, self._clock = packets, clock
         self._start_ns = self._next = 0
         first_ns = packets[0].t_ns if packets else 0

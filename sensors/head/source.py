@@ -1,22 +1,22 @@
 """HeadSource: the poses of one tracker as a Source, whatever brings them.
 
-Flow: Link (a port, a recording, the web page) -> HeadSource.poll -> LiveSource -> Assembler.
+Flow: HeadLink (a port, a recording, the web page) -> HeadSource.poll -> LiveSource -> Assembler.
 """
 
 from collections.abc import Callable
 from typing import Protocol
 
-from sensors.head.gate import Counts
+from sensors.head.gate import ReadingCounts
 from sensors.types import NS, Clock, HeadPacket, Packet, SourceInfo
 
 LOST_NS = NS // 2  # without a pose for so long, a tracker counts as lost
 WAITING, LOST = "no pose yet", "lost"
 
 
-class Link(Protocol):
+class HeadLink(Protocol):
     """What brings packets: opened and closed as often as wanted."""
 
-    counts: Counts
+    counts: ReadingCounts
 
     def open(self) -> None: ...
     def poll(self) -> list[HeadPacket]:
@@ -32,16 +32,16 @@ class HeadSource:
     exhausted = False
 
     def __init__(
-        self, name: str, connect: Callable[[], Link], clock: Clock, expected: bool = True
+        self, name: str, connect: Callable[[], HeadLink], clock: Clock, expected: bool = True
     ) -> None:
         """`connect` makes a new link; what cannot be opened raises InputError there. `expected`:
         it is a problem that no pose has come yet."""
         self.name = name
         self._at_first = WAITING if expected else ""
         self.problem = self._at_first
-        self.counts = Counts()
+        self.counts = ReadingCounts()
         self._connect, self._clock = connect, clock
-        self._link: Link | None = None
+        self._link: HeadLink | None = None
         self._newest_ns: int | None = None
 
     @property

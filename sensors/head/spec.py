@@ -6,9 +6,9 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from sensors.head import livelink, vmc
-from sensors.head.gate import Gate
+from sensors.head.gate import ReadingGate
 from sensors.head.links import Decode, PlayedHeadLink, UdpLink
-from sensors.head.source import HeadSource, Link
+from sensors.head.source import HeadLink, HeadSource
 from sensors.types import Clock, HeadPacket, InputError
 
 Tell = Callable[[str], None]
@@ -16,11 +16,11 @@ LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True)
-class Entry:
+class HeadScheme:
     """One scheme. `open` gets the SPEC; it raises InputError at one that cannot be used, and what
     it returns makes a new link."""
 
-    open: Callable[[str, Clock, Tell], Callable[[], Link]]
+    open: Callable[[str, Clock, Tell], Callable[[], HeadLink]]
     example: str
     help: str
 
@@ -34,11 +34,11 @@ def head_source(spec: str, clock: Clock, tell: Tell) -> HeadSource:
 
 
 def _udp(decoder: Callable[[], Decode], port: int, max_datagram: int):  # noqa: ANN202
-    def open_port(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+    def open_port(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
         host, number = _address(spec, port)
 
-        def connect() -> Link:
-            return UdpLink(host, number, decoder(), max_datagram, Gate(spec, tell), clock)
+        def connect() -> HeadLink:
+            return UdpLink(host, number, decoder(), max_datagram, ReadingGate(spec, tell), clock)
 
         return connect
 
@@ -60,7 +60,7 @@ def _address(spec: str, port: int) -> tuple[str, int]:
     return parts.hostname or LOOPBACK, number
 
 
-def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
     from sensors.session.recording import Recording
 
     with Recording(Path(spec.partition(":")[2])) as recording:
@@ -70,37 +70,37 @@ def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
     return _played(spec, poses, clock)
 
 
-def _file(spec: str, clock: Clock, tell: Tell) -> Callable[[], Link]:
+def _file(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
     path = Path(spec.partition(":")[2])
     if not path.is_file():
         raise InputError(f"--head: expected a Live Link Face CSV, got no file {path}; check it")
     return _played(spec, list(livelink.read_csv(path)), clock)
 
 
-def _played(spec: str, poses: list[HeadPacket], clock: Clock) -> Callable[[], Link]:
+def _played(spec: str, poses: list[HeadPacket], clock: Clock) -> Callable[[], HeadLink]:
     if not poses:
         raise InputError(f"--head: expected poses of a head, got none in {spec}; choose another")
     return lambda: PlayedHeadLink(poses, clock)
 
 
 SCHEMES = {
-    "vmc": Entry(
+    "vmc": HeadScheme(
         _udp(vmc.VmcDecoder, 39539, vmc.MAX_DATAGRAM),
         "vmc://:39539",
         "head and neck bones, or the headset, of a VMC program",
     ),
-    "livelink": Entry(
+    "livelink": HeadScheme(
         _udp(lambda: livelink.decode, livelink.PORT, livelink.MAX_DATAGRAM),
         "livelink://:11111",
         "the Live Link Face app of an iPhone",
     ),
-    "vrchat": Entry(
+    "vrchat": HeadScheme(
         _udp(vmc.TrackerDecoder, 9000, vmc.MAX_DATAGRAM),
         "vrchat://:9000",
         "OSC trackers as VRChat takes them",
     ),
-    "session": Entry(_session, "session:DIR", "a recorded session, over and over"),
-    "file": Entry(_file, "file:take.csv", "a CSV of Live Link Face, over and over"),
+    "session": HeadScheme(_session, "session:DIR", "a recorded session, over and over"),
+    "file": HeadScheme(_file, "file:take.csv", "a CSV of Live Link Face, over and over"),
 }
 EXAMPLES = ", ".join(entry.example for entry in SCHEMES.values())
 HELP = "; ".join(f"{entry.example} ({entry.help})" for entry in SCHEMES.values())

@@ -37,7 +37,7 @@ def osc(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
 def head(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     """VMC, VRChat's trackers and Live Link Face, up to the gate."""
     from sensors.head import livelink, vmc
-    from sensors.head.gate import Gate
+    from sensors.head.gate import ReadingGate
     from sensors.standins.osc import bundle
 
     pose = (0.01, 0.02, 0.03, 0.1, 0.2, 0.3, 0.9)
@@ -50,7 +50,7 @@ def head(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
         (bundle(*tracker), vmc.TrackerDecoder()),
         (phone, livelink.decode),
     )
-    gate, arrival_ns = Gate("fuzz", lambda line: None), 0
+    gate, arrival_ns = ReadingGate("fuzz", lambda line: None), 0
 
     def feed() -> None:
         nonlocal arrival_ns

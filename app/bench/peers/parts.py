@@ -46,7 +46,7 @@ def encoder(layers: int, dim: int, ff_dim: int, heads: int) -> nn.Module:
     return nn.TransformerEncoder(block, layers, enable_nested_tensor=False)
 
 
-class Decoder(nn.Module):
+class SequenceDecoder(nn.Module):
     """A transformer decoder from a sequence and a memory to numbers a frame."""
 
     def __init__(

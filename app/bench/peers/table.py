@@ -8,7 +8,14 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from app.bench.peers.parts import RATE, Convolutions, Decoder, VectorQuantised, Wav2Vec2, encoder
+from app.bench.peers.parts import (
+    RATE,
+    Convolutions,
+    SequenceDecoder,
+    VectorQuantised,
+    Wav2Vec2,
+    encoder,
+)
 
 if TYPE_CHECKING:
     from torch import nn
@@ -42,7 +49,7 @@ def _audio(frames: int, seconds: float = SECONDS) -> Stage:
 def _autoregressive(layers: int, dim: int, ff_dim: int) -> Stage:
     frames = int(SECONDS * 30)
     shapes = (1, frames, VERTICES), (1, frames, 768)
-    return Stage(lambda: Decoder(layers, dim, ff_dim, 4, 768, VERTICES, VERTICES), shapes)
+    return Stage(lambda: SequenceDecoder(layers, dim, ff_dim, 4, 768, VERTICES, VERTICES), shapes)
 
 
 PEERS = (
@@ -57,7 +64,7 @@ PEERS = (
         "CodeTalker",
         (
             _audio(120),
-            Stage(lambda: Decoder(6, 1024, 2048, 4, 768, VERTICES, 1024),
+            Stage(lambda: SequenceDecoder(6, 1024, 2048, 4, 768, VERTICES, 1024),
                   ((1, 120, VERTICES), (1, 120, 768))),
             Stage(lambda: VectorQuantised(256, 64, 16, VERTICES), ((1, 120, 1024),)),
         ),
@@ -91,8 +98,9 @@ PEERS = (
         (
             _audio(120),
             Stage(lambda: encoder(2, 512, 1024, 8), ((1, 400, 512),)),
-            Stage(lambda: Decoder(4, 512, 1024, 4, 512, 512, 1014), ((1, 120, 512), (1, 120, 512))),
-            Stage(lambda: Decoder(8, 512, 1024, 8, 512, 256, 256),
+            Stage(lambda: SequenceDecoder(4, 512, 1024, 4, 512, 512, 1014),
+                  ((1, 120, 512), (1, 120, 512))),
+            Stage(lambda: SequenceDecoder(8, 512, 1024, 8, 512, 256, 256),
                   ((2, 120, 256), (2, 402, 512)), 500),
         ),
         0.0,
@@ -103,7 +111,7 @@ PEERS = (
         "DiffPoseTalk",
         (
             _audio(110, 110 / 25),
-            Stage(lambda: Decoder(8, 512, 2048, 8, 768, 256, 256),
+            Stage(lambda: SequenceDecoder(8, 512, 2048, 8, 768, 256, 256),
                   ((3, 110, 256), (3, 110, 768)), 500),
         ),
         4.0,
@@ -113,7 +121,7 @@ PEERS = (
     Peer(
         "ARTalk",
         tuple(
-            Stage(lambda: Decoder(12, 768, 3072, 12, 512, 768, 64),
+            Stage(lambda: SequenceDecoder(12, 768, 3072, 12, 512, 768, 64),
                   ((2, 200 + n, 768), (2, 100, 512)))
             for n in (1, 6, 31, 81, 181)
         ),

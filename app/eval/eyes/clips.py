@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensors.types import FPS, NS, SAMPLES_PER_FRAME, SensorFrame
 
 if TYPE_CHECKING:
-    from encoder.eyes.routine import Target
+    from encoder.eyes.routine import RoutineStep
     from render.near_eye.camera import NearEye, Wearer
 
 FIRST_SEED = 1_000_000  # of wearers; training counts from 0
@@ -35,7 +35,7 @@ class EyeClip:
     rig: NDArray[np.float32]  # [T, 53]
     gaze: NDArray[np.float32]  # [T, 2, 3]
     lids: NDArray[np.float32]  # [T, 2] opening as drawn
-    routine: tuple[tuple["Target", NDArray[np.uint8]], ...]  # calibration: pictures [n, 2, ..]
+    routine: tuple[tuple["RoutineStep", NDArray[np.uint8]], ...]  # calibration: pictures [n, 2, ..]
 
     def frames(self, silent: bool = False) -> list[SensorFrame]:
         """The clip as the Driver takes it."""
@@ -84,13 +84,13 @@ def make_clip(camera: "NearEye", number: int, seconds: float) -> EyeClip:
 
 def _routine(
     camera: "NearEye", wearer: "Wearer", rng: np.random.Generator
-) -> tuple[tuple["Target", NDArray[np.uint8]], ...]:
+) -> tuple[tuple["RoutineStep", NDArray[np.uint8]], ...]:
     """The wearer looks at the targets, to half a degree, and closes the eyes."""
     from encoder.capture.motion.channels import RIG_INDEX
     from encoder.capture.motion.upper_face import looking
     from encoder.eyes.routine import ROUTINE
 
-    parts: list[tuple[Target, NDArray[np.uint8]]] = []
+    parts: list[tuple[RoutineStep, NDArray[np.uint8]]] = []
     for target in (target for target in ROUTINE if target.name != "blink"):
         rig = looking(target.yaw_deg, target.pitch_deg)  # lids follow the gaze
         if target.name == "close":

@@ -27,7 +27,7 @@ STILL_PICTURE = 2.5  # grey levels from frame to frame, on average, of such a pi
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class RealClip:
     """One clip: what the cameras gave and what the Driver made of it."""
 
     label: Label
@@ -41,7 +41,7 @@ class Shown:
     pupils: Floats  # [T, 2, 4] x, y (up), radius in widths of the view; 1 where the fit is good
 
 
-def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed: int) -> Shown:
+def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed: int) -> RealClip:
     """A clip through the Driver in silence; `blink` is the avatar's, of codes [T, 256]."""
     from app.eval.eyes.pupil import find_pupil
     from encoder.eyes.tracker import OWN, EyeState
@@ -72,7 +72,7 @@ def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed
         codes.append(driven.expression)
     gaze, lids, accepted, score = (np.stack(column) for column in zip(*rows, strict=True))
     opening = 1 - blink(np.stack(codes))
-    return Shown(label, eyes, views, opening, gaze, lids, accepted, score, pupils)
+    return RealClip(label, eyes, views, opening, gaze, lids, accepted, score, pupils)
 
 
 def read_views(path: Path) -> NDArray[np.uint8]:  # [T, 400, 400]
@@ -102,7 +102,7 @@ def silent_frames(views: NDArray[np.uint8], eyes: tuple[int, ...]) -> list[Senso
     ]
 
 
-def clip_metrics(clip: Shown) -> Metrics:
+def clip_metrics(clip: RealClip) -> Metrics:
     """One clip's numbers; those of what it does not show are left out."""
     from encoder.evaluation.eye_metrics import compare_blinks, shut_frames
     from encoder.evaluation.metrics import runs
@@ -129,7 +129,7 @@ def clip_metrics(clip: Shown) -> Metrics:
     return result | _gaze_metrics(clip, visible)
 
 
-def _gaze_metrics(clip: Shown, visible: NDArray[np.bool_]) -> Metrics:
+def _gaze_metrics(clip: RealClip, visible: NDArray[np.bool_]) -> Metrics:
     """The worst eye's r in each direction in which its pupil moves; jitter while it is still."""
     r: dict[str, list[float]] = {"gaze_r_x": [], "gaze_r_y": []}
     jitter: list[float] = []
@@ -163,7 +163,7 @@ def _jitter_deg(
     return result
 
 
-def real_metrics(clips: Sequence[Shown]) -> Metrics:
+def real_metrics(clips: Sequence[RealClip]) -> Metrics:
     """Each clip's numbers by its name, and the worst or the sum over all of them."""
     rows = {clip.label.name: clip_metrics(clip) for clip in clips}
     minutes = sum(row["seconds"] for row in rows.values()) / 60

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from app.eval.eyes.real import Shown
+    from app.eval.eyes.real import RealClip
 
 SIZE_PX = 200
 GOOD, BAD, GAZE = (80, 220, 80), (255, 70, 70), (255, 190, 40)
@@ -48,7 +48,7 @@ def sheet(
     page.save(path)
 
 
-def clip_sheet(clip: "Shown", path: Path, moments: int = 40, columns: int = 10) -> None:
+def clip_sheet(clip: "RealClip", path: Path, moments: int = 40, columns: int = 10) -> None:
     """One real clip: evenly spaced moments, and all of its blinks; left eyes, then right ones."""
     chosen = set(np.linspace(0, len(clip.opening) - 1, moments).astype(int).tolist())
     for first, last in clip.label.blinks:

@@ -170,12 +170,12 @@ def figures_of(
     from encoder.evaluation import talkers
     from render.decoder.decoder import Decoder
 
-    decoder, judged = Decoder.load(), list[talkers.Take]()
+    decoder, judged = Decoder.load(), list[talkers.TalkerClip]()
     for take in takes:
         count = min(take.clip.num_frames, int(LONGEST_S * 30))
         sound = take.audio[: count * 1600]
         shown = drive(driver, sound if change is None else change(sound), 0)
         codes = decoder.encode(take.clip.rig[:count].astype(np.float32))
         phones = unpack_phones(take.clip.spans)
-        judged.append(talkers.Take(mesh.lips(shown), mesh.lips(codes), phones))
+        judged.append(talkers.TalkerClip(mesh.lips(shown), mesh.lips(codes), phones))
     return talkers.figures(judged, mesh.marks)

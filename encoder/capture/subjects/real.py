@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from encoder.capture.made import Speaker, Take, spoken_take, take
+from encoder.capture.made import Take, Talker, spoken_take, take
 from encoder.capture.motion.channels import JAW_OPEN
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.style import Style
@@ -72,7 +72,7 @@ def aligned_takes(
     """A real voice with its text -> phones -> rule-made motion; what does not align is left."""
     rng = np.random.default_rng(seed)
     speaker = lines[0].speaker
-    who = Speaker(Voice("real", speaker, lines[0].language, 1.0), Style.draw(rng), lips, "train")
+    who = Talker(Voice("real", speaker, lines[0].language, 1.0), Style.draw(rng), lips, "train")
     english = EnglishAligner() if lines[0].language.startswith("en") else None
     espeak = Espeak()
     for line in lines:

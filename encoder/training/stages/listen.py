@@ -66,7 +66,7 @@ preset = Presets(
 
 
 @dataclass(frozen=True)
-class Heard:
+class ListenFrames:
     """What was heard of each frame, what the mouth did and whose it was."""
 
     sound: np.ndarray  # [N, D] float16 audio features of the phonetic encoder
@@ -74,7 +74,7 @@ class Heard:
     voice: np.ndarray  # [N] str, the talker's, RULES or REST
 
 
-def hear(config: ListenConfig, encoder: AudioEncoder) -> Heard:
+def hear(config: ListenConfig, encoder: AudioEncoder) -> ListenFrames:
     """Each clip from its start, as other ears and rooms hear it; kept in the pack for next time."""
     path = config.pack / "heard.npz"
     sha256 = checkpoint.load(config.phones, "audio")[1]["sha256"]
@@ -82,7 +82,7 @@ def hear(config: ListenConfig, encoder: AudioEncoder) -> Heard:
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
             if str(data["recipe"]) == str(recipe):
-                return Heard(data["sound"], data["rig"], data["voice"])
+                return ListenFrames(data["sound"], data["rig"], data["voice"])
     rng, rows = np.random.default_rng(config.seed), []
     truths = ("rules", "tracked", "rest")
     clips = [clip for clip in iter_pack(config.pack, "train") if clip.truth in truths]
@@ -92,7 +92,7 @@ def hear(config: ListenConfig, encoder: AudioEncoder) -> Heard:
         rare = clip.truth == "tracked" and voices.count(clip.voice) < most / 4
         count = 4 * config.versions if rare else config.versions
         rows += [_heard(clip, encoder, rng) for _ in range(1 if clip.truth == "rules" else count)]
-    heard = Heard(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+    heard = ListenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
     np.savez(path, recipe=recipe, sound=heard.sound, rig=heard.rig, voice=heard.voice)
     return heard
 
@@ -118,7 +118,9 @@ def frame_weights(voice: np.ndarray, config: ListenConfig) -> np.ndarray:
     return weight / weight.sum()
 
 
-def fit(heard: Heard, face: TrainingFace, config: ListenConfig) -> tuple[np.ndarray, np.ndarray]:
+def fit(
+    heard: ListenFrames, face: TrainingFace, config: ListenConfig
+) -> tuple[np.ndarray, np.ndarray]:
     """-> matrix [2 D, 256], offset [256]: codes of the mouth from log-odds and their sigmoids."""
     for talker in config.without:
         if talker not in heard.voice:

@@ -21,7 +21,7 @@ from encoder.nn import checkpoint
 from encoder.nn.checkpoint import config_from
 from encoder.training import loop
 from encoder.training.stages.eyes import OPEN_ENOUGH
-from encoder.training.streams.wide_eyes import Counts, WideBatch, WidePictures, draw
+from encoder.training.streams.wide_eyes import BatchCounts, WideBatch, WidePictures, draw
 
 WEIGHTS = {
     "present": 0.4, "measured_lid": 1.5, "measured_gaze": 0.25, "pupil": 0.2,
@@ -38,11 +38,11 @@ class WideEyesConfig:
     run: loop.RunSettings
     steps: int = 5500
     rate: float = 2e-3
-    counts: Counts = field(default_factory=Counts)
+    counts: BatchCounts = field(default_factory=BatchCounts)
 
 
 SETTINGS: dict[str, dict[str, Any]] = {
-    "debug": {"steps": 2, "counts": Counts(4, 4, 2, 2)},
+    "debug": {"steps": 2, "counts": BatchCounts(4, 4, 2, 2)},
     "default": {},
     "paper": {"steps": 50_000},
 }

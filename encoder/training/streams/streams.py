@@ -110,7 +110,7 @@ def run(config: StreamConfig) -> Path:
     return config.output
 
 
-class Recipe(Protocol):
+class StreamOrigin(Protocol):
     """What both kinds of streams are made from."""
 
     @property
@@ -123,13 +123,13 @@ class Recipe(Protocol):
     def seed(self) -> int: ...
 
 
-def made_from(config: Recipe) -> dict[str, Any]:
+def made_from(config: StreamOrigin) -> dict[str, Any]:
     """What streams depend on beside the pack: another encoder or seed makes other streams."""
     audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
     return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
 
 
-def are_made(config: Recipe) -> bool:
+def are_made(config: StreamOrigin) -> bool:
     """Do the streams of this config lie in its output already?"""
     if not config.output.is_file():
         return False

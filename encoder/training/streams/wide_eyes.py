@@ -74,7 +74,7 @@ class WidePictures:
         return np.flatnonzero(learned)
 
 
-class Counts(NamedTuple):
+class BatchCounts(NamedTuple):
     """What a batch holds."""
 
     usual: int = 24  # in the headsets of `Look.draw`
@@ -104,7 +104,7 @@ def _wrong(count: int, spread: tuple[float, float, float]) -> tuple[Tensor, Tens
     return torch.exp(wild * size * torch.randn(count)), away, wild * turn * torch.randn(count)
 
 
-def draw(data: WidePictures, counts: Counts, rng: np.random.Generator) -> WideBatch:
+def draw(data: WidePictures, counts: BatchCounts, rng: np.random.Generator) -> WideBatch:
     """One batch: who, seen by which camera, framed how well, in which light."""
     kinds = ("usual", "wide", "all")
     numbers = (counts.usual, counts.wide, counts.skin)

@@ -33,7 +33,7 @@ class Skin:
 
 
 @dataclass(frozen=True)
-class Person:
+class VirtualPerson:
     """A virtual person; the seed decides the rest."""
 
     modes: Floats  # [100] standard deviations
@@ -50,7 +50,7 @@ def skins(face: FaceData) -> list[str]:
     return sorted(p.name for p in (face.folder / "albedo").glob("mh_*.jpg"))
 
 
-def draw(face: FaceData, seed: int) -> Person:
+def draw(face: FaceData, seed: int) -> VirtualPerson:
     rng = np.random.default_rng((seed, 77))
     woman = rng.random() < 0.5
     names = [name for name in skins(face) if ("female" in name) == woman]
@@ -60,7 +60,7 @@ def draw(face: FaceData, seed: int) -> Person:
     tone = rng.uniform(0.86, 1.04) * np.array([1 + warmth, 1.0, 1 - warmth])
     modes = (rng.standard_normal(100) * rng.uniform(*STRENGTH)).astype(np.float32)
     leaning = rng.normal(FEMININE if woman else -FEMININE, FEMININE_SPREAD)
-    return Person(
+    return VirtualPerson(
         modes=leaning_to(face, modes, float(leaning)),
         skins=(names[first], names[second]),
         mix=mix,
@@ -75,7 +75,7 @@ def draw(face: FaceData, seed: int) -> Person:
     )
 
 
-def neutral(face: FaceData, person: Person) -> Floats:  # [V, 3] mm
+def neutral(face: FaceData, person: VirtualPerson) -> Floats:  # [V, 3] mm
     return relaxed(face, person.modes)
 
 

@@ -61,7 +61,7 @@ class Fitted:
 
 
 @dataclass(frozen=True)
-class View:
+class ReferenceView:
     """One reference picture; a Gaussian's colour is developed(albedo^2 light + mirrored)."""
 
     levels: Floats  # [N, LEVELS, 3] what its person's textures offer
@@ -108,7 +108,7 @@ class Studio:
         eyes = kinds == mesh_parts.EYE
         self.groups = np.select([on_face & ~eyes, eyes], [1, 2], 0)  # that read alike
 
-    def views(self, seed: int, rng: np.random.Generator) -> list[View]:
+    def views(self, seed: int, rng: np.random.Generator) -> list[ReferenceView]:
         """Some expressions of a person, each seen from somewhere in some light."""
         assembly, truth, posing = self._assembly, self._truth, self._assembly.posing
         person = people.draw(assembly.face, seed)
@@ -133,7 +133,7 @@ class Studio:
 
     def _view(
         self, vertices: Floats, seen: Floats, levels: Floats, camera: Camera, lights: Lighting
-    ) -> View:
+    ) -> ReferenceView:
         normals, colors = self._assembly.normals(vertices), self._assembly.colors
         picture = self._renderer.draw(vertices, normals, colors, seen, camera, lights)
         head, count = self.surface, len(self.widths)
@@ -161,7 +161,7 @@ class Studio:
         )
         behind = left[:, None] * np.array(camera.background, np.float32)
         target = picture.reshape(-1, 3).astype(np.float32) / 255 - behind
-        return View(levels, shares, light, mirrored, target.astype(np.float32))
+        return ReferenceView(levels, shares, light, mirrored, target.astype(np.float32))
 
 
 def camera(rng: np.random.Generator) -> Camera:
@@ -191,7 +191,7 @@ def load(studio: Studio, seeds: list[int], seed: int, path: Path) -> Fitted:
 
 def run(studio: Studio, seeds: list[int], seed: int) -> Fitted:
     """Take the pictures, then fit to all of them at once: Gauss-Newton, one blend a group."""
-    views: list[View] = []
+    views: list[ReferenceView] = []
     for person in tqdm(seeds, desc="pictures", unit="person"):
         views += studio.views(person, np.random.default_rng((seed, person)))
     groups = studio.groups
@@ -212,7 +212,7 @@ def run(studio: Studio, seeds: list[int], seed: int) -> Fitted:
 
 
 def linearised(
-    view: View,
+    view: ReferenceView,
     blends: NDArray[np.float64],  # [G, LEVELS]
     groups: NDArray[np.intp],  # [N]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:

@@ -77,7 +77,7 @@ def examples(  # type: ignore[no-untyped-def]
 
 
 @dataclass(frozen=True)
-class Networks:
+class DecoderNetworks:
     identity: networks.IdentityEncoder
     expression: networks.ExpressionEncoder
     light: networks.LightDecoder
@@ -91,7 +91,7 @@ def run(
     state: Path,
     steps: int,
     seed: int,
-) -> tuple[Networks, float]:
+) -> tuple[DecoderNetworks, float]:
     """Train; also the share of the held-out light's change that stays unexplained.
 
     `state` is written every SAVED_EVERY steps and continued from.
@@ -106,7 +106,7 @@ def run(
     weight = torch.from_numpy(weights)
     networks.set_seed(seed)
     free_dim = networks.CODE_DIM - NUM_RIG
-    made = Networks(
+    made = DecoderNetworks(
         networks.IdentityEncoder(), networks.ExpressionEncoder(free_dim), networks.LightDecoder()
     )
     modules = torch.nn.ModuleList([made.identity, made.expression, made.light])
@@ -143,7 +143,7 @@ def run(
 
 
 @torch.no_grad()
-def changes(made: Networks, data: Examples) -> Floats:  # [N, T, 2]
+def changes(made: DecoderNetworks, data: Examples) -> Floats:  # [N, T, 2]
     """The change of light on every texel, for the first expressions."""
     still, out = data.neutral_code[None], []
     for person, code in zip(data.person[:MAPPED], data.code[:MAPPED], strict=True):
@@ -154,7 +154,7 @@ def changes(made: Networks, data: Examples) -> Floats:  # [N, T, 2]
 
 
 def step(
-    made: Networks,
+    made: DecoderNetworks,
     data: Examples,
     rows: Tensor,
     read: Tensor,

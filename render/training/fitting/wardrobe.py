@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from render.training.data.face_data import FaceData
-from render.training.data.people import Person
+from render.training.data.people import VirtualPerson
 from render.training.fitting.resume import write
 from render.training.look import eyes, places, relief, skin
 from render.training.look.places import SIZE
@@ -62,7 +62,7 @@ class Wardrobe:
             self._grains[name] = np.load(path)
         return self._grains[name].astype(np.float32)
 
-    def texture(self, person: Person) -> Floats:  # [SIZE, 2 SIZE, 3] stored, 0..1
+    def texture(self, person: VirtualPerson) -> Floats:  # [SIZE, 2 SIZE, 3] stored, 0..1
         """The skin atlas of a person."""
         first, second = person.skins
         out = self.clean(first)

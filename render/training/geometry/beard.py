@@ -1,6 +1,6 @@
 """Beards, procedural: stubble in the skin's own colour, and strands that stand on it.
 
-Where a beard grows is painted on the mean face in millimetres. Strands start upright, lie down
+Where a beard grows is painted on the mean face in millimetres. BeardStyle start upright, lie down
 along the flow of a beard (down the cheeks and the chin, outward over the lips) and are drawn as
 thin Gaussians, darker at the root.
 """
@@ -33,7 +33,7 @@ EARS_MM = 12.0  # strands grow in front of them
 
 
 @dataclass(frozen=True)
-class Strands:
+class BeardStyle:
     """How a beard is worn."""
 
     count: int
@@ -79,7 +79,7 @@ def grow(
     assembly: Assembly,
     maker: Maker,
     vertices: Floats,  # [V, 3] mm at rest
-    style: Strands,
+    style: BeardStyle,
     tint: Tint,
     rng: np.random.Generator,
 ) -> Beard:
@@ -110,7 +110,7 @@ def grow(
 
 
 def _roots(
-    assembly: Assembly, maker: Maker, vertices: Floats, style: Strands, rng: np.random.Generator
+    assembly: Assembly, maker: Maker, vertices: Floats, style: BeardStyle, rng: np.random.Generator
 ) -> tuple[NDArray[np.int32], Floats, Floats]:
     """Triangles [n, 3], places on them [n, 3], and how much of a beard grows there [n] 0..1."""
     cover = np.zeros(len(vertices), np.float32)

@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch")
 from torch import Tensor, nn  # noqa: E402
 
 from app.bench.peers import race  # noqa: E402
-from app.bench.peers.parts import Convolutions, Decoder, VectorQuantised, encoder  # noqa: E402
+from app.bench.peers.parts import Convolutions, SequenceDecoder, VectorQuantised, encoder  # noqa: E402
 from app.bench.peers.table import PEERS, Peer, Stage  # noqa: E402
 from encoder.audio import config as audio  # noqa: E402
 from encoder.backends import Networks  # noqa: E402
@@ -62,7 +62,7 @@ def test_a_peer_waits_then_computes_every_stage_as_often_as_it_says(
 
 def test_codes_and_decoders_keep_the_frames() -> None:
     assert VectorQuantised(8, 2, 8, 5)(torch.randn(1, 7, 16)).shape == (1, 7, 5)
-    decoder = Decoder(1, 8, 16, 2, 3, 4, 6)
+    decoder = SequenceDecoder(1, 8, 16, 2, 3, 4, 6)
     assert decoder(torch.randn(2, 7, 4), torch.randn(2, 9, 3)).shape == (2, 7, 6)
 
 

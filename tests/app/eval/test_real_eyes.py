@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from app.eval.eyes.labels import SHIPPED, Label, inside, load_labels
-from app.eval.eyes.real import Shown, clip_metrics, real_metrics
+from app.eval.eyes.real import RealClip, clip_metrics, real_metrics
 from sensors.types import InputError
 
 
@@ -63,7 +63,7 @@ def test_the_pupil_is_found_between_glints_and_lashes() -> None:
     assert not find_pupil(flat).good
 
 
-def shown(label: Label, frames: int = 120) -> Shown:
+def shown(label: Label, frames: int = 120) -> RealClip:
     """A left eye that follows its pupil, and blinks as labelled."""
     place = 0.2 * np.sin(np.arange(frames)[:, None] / np.float64([7, 11]))
     place[60:] = place[60]  # and then keeps still
@@ -73,7 +73,7 @@ def shown(label: Label, frames: int = 120) -> Shown:
     opening = np.where(inside(label.blinks, frames), 0.1, 0.95)
     views = np.zeros((frames, 2, 400, 400), np.uint8)
     accepted = np.ones((frames, 2), bool)
-    return Shown(label, (0,), views, opening, gaze, np.stack([opening] * 2, 1), accepted,
+    return RealClip(label, (0,), views, opening, gaze, np.stack([opening] * 2, 1), accepted,
                  accepted.astype(float), pupils)  # fmt: skip
 
 

@@ -20,7 +20,7 @@ from render.decoder.decoder import Decoder
 from render.types import AHEAD
 from sensors import rotation
 from sensors.head import livelink, vmc
-from sensors.head.gate import Gate
+from sensors.head.gate import ReadingGate
 from sensors.types import HeadPose, SensorFrame
 
 AXES = [(30, 0, 0), (-20, 0, 0), (0, 30, 0), (0, -30, 0), (0, 0, 15), (0, 0, -15), (10, -25, 8)]
@@ -51,7 +51,7 @@ def driven(index: int, pose: HeadPose) -> DrivenFrame:
     ids=["vmc", "vrchat", "livelink"],
 )
 def test_there_and_back(decoder, pose, encode, decode, has_position) -> None:  # type: ignore[no-untyped-def]
-    gate, back = Gate("test", lambda line: None), None
+    gate, back = ReadingGate("test", lambda line: None), None
     for k, datagram in enumerate(encode(FaceReader(decoder)(driven(3, pose)))):
         for reading in decode(datagram):
             back = gate(reading, 10**9 * (k + 1)) or back

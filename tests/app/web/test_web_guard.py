@@ -13,7 +13,7 @@ import pytest
 from web_client import Talker, expect_the_head_at_once, play, serving, socket_to, wait_until
 
 from app.web import access, certificate, guard
-from app.web.guard import Budget
+from app.web.guard import RateLimit
 from render.decoder.decoder import Decoder
 from sensors.types import InputError
 
@@ -199,7 +199,7 @@ def test_a_port_in_use_is_one_line(decoder: Decoder) -> None:
 
 
 def test_a_budget_allows_bursts_and_no_flood() -> None:
-    budget = Budget(10, 0.0)
+    budget = RateLimit(10, 0.0)
     assert [budget.spend(0.0) for _ in range(12)] == [True] * 10 + [False] * 2
     assert [budget.spend(1.0) for _ in range(3)] == [True] * 3
 

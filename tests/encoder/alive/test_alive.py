@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from encoder.alive import motion, tracking
-from encoder.alive.alive import Alive, AliveState, Mode, Shown
+from encoder.alive.alive import Alive, AliveFrame, AliveState, Mode
 from encoder.alive.face import Shapes
 from encoder.alive.prosody import Prosody
 from sensors import rotation
@@ -45,8 +45,8 @@ def run(
     mode: Mode = "auto",
     gaze: np.ndarray = AHEAD,
     made: bool = True,
-) -> list[Shown]:
-    alive, shown = Alive(SHAPES, mode), list[Shown]()
+) -> list[AliveFrame]:
+    alive, shown = Alive(SHAPES, mode), list[AliveFrame]()
     state: AliveState = alive.init_state()
     for frame in frames:
         one, state = alive.step(frame, FACE, gaze, made, seed, state)
@@ -54,11 +54,11 @@ def run(
     return shown
 
 
-def angles(shown: list[Shown]) -> np.ndarray:  # [T, 3] degrees
+def angles(shown: list[AliveFrame]) -> np.ndarray:  # [T, 3] degrees
     return np.degrees([rotation.to_angles(s.head.quat) for s in shown])
 
 
-def same(a: Shown, b: Shown) -> bool:
+def same(a: AliveFrame, b: AliveFrame) -> bool:
     return (
         a.head == b.head
         and a.breath == b.breath

@@ -27,14 +27,14 @@ WIDTH = 48 + np.sin(2 * np.pi * 0.8 * TIMES)
 
 
 def test_lips_that_are_late_are_found_late_to_a_few_milliseconds():
-    take = talkers.Take(lips(opening(0.04), WIDTH), lips(opening(), WIDTH), [])
+    take = talkers.TalkerClip(lips(opening(0.04), WIDTH), lips(opening(), WIDTH), [])
     figures = talkers.figures([take], MARKS)
     assert figures["shift_ms"] == pytest.approx(40, abs=5) and figures["r_best"] > 0.99
     assert figures["r"] < 0.96 and figures["r_fast"] == pytest.approx(figures["r"], abs=0.05)
 
 
 def test_half_the_motion_is_seen_in_size_and_not_in_r():
-    take = talkers.Take(lips(opening() / 2, 24 + WIDTH / 2), lips(opening(), WIDTH), [])
+    take = talkers.TalkerClip(lips(opening() / 2, 24 + WIDTH / 2), lips(opening(), WIDTH), [])
     figures = talkers.figures([take], MARKS)
     assert figures["r"] == pytest.approx(1) and figures["p95_ratio"] == pytest.approx(0.5, rel=0.01)
     assert figures["width_r"] == pytest.approx(1)
@@ -43,7 +43,9 @@ def test_half_the_motion_is_seen_in_size_and_not_in_r():
 
 def test_closures_are_counted_at_the_start_and_inside():
     said = [Phone("pau", 0, 0.6), Phone("b", 0.6, 0.7), Phone("aa", 0.7, 1.0), Phone("m", 1.0, 1.1)]
-    take = talkers.Take(lips(opening(), WIDTH), lips(opening(), WIDTH), said)  # shut at 0.67, 1.33
+    take = talkers.TalkerClip(
+        lips(opening(), WIDTH), lips(opening(), WIDTH), said
+    )  # shut at 0.67, 1.33
     assert talkers.closures([take], MARKS) == {"initial": (1, 1), "inside": (0, 1)}
     figures = talkers.figures([take], MARKS)
     assert figures["shut_initial"] == 1 and figures["shut_inside"] == 0

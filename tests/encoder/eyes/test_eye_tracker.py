@@ -8,7 +8,7 @@ from eye_material import encoder, graph, looks
 
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.encoder import EyeReading, joined
-from encoder.eyes.fading import FADE_FRAMES, Seen
+from encoder.eyes.fading import FADE_FRAMES, ShownEyes
 from encoder.eyes.format import unit
 from encoder.eyes.gaze_graph import build
 from encoder.eyes.gaze_statistics import step_deg
@@ -42,7 +42,7 @@ def readings(frames: int, seed: int = 1) -> list[EyeReading]:
 
 def follow(
     rows: list[EyeReading | None], good: np.ndarray, state: EyeState | None = None
-) -> tuple[list[Seen], list[EyeState]]:
+) -> tuple[list[ShownEyes], list[EyeState]]:
     track = tracker()
     state, seen, states = state or track.init_state(EyeCalibration()), [], []
     for reading, fresh in zip(rows, good, strict=True):
@@ -60,7 +60,7 @@ def both_of(rows: list[EyeReading]) -> np.ndarray:
     return np.array([joined(r.told(), r.lids, r.score) for r in rows])
 
 
-def gaze_of(seen: list[Seen]) -> np.ndarray:
+def gaze_of(seen: list[ShownEyes]) -> np.ndarray:
     return np.array([s.gaze for s in seen])
 
 

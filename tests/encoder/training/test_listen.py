@@ -57,7 +57,7 @@ def test_the_fit_finds_a_map_and_hears_nobody_who_is_left_out() -> None:
     rig = (sound @ rng.uniform(0, 0.1, (5, 53)) + 0.5).astype(np.float16)
     voice = np.repeat(["anna", "ben", ""], [1900, 1900, 200])
     rig[voice == "ben"] = 0.3
-    heard = listen.Heard(sound, rig, voice)
+    heard = listen.ListenFrames(sound, rig, voice)
     config = listen.preset("debug", **PATHS, without=("ben",), rules=0.0)
     matrix, offset = listen.fit(heard, FACE, config)
     x = np.concatenate([sound, 1 / (1 + np.exp(-sound.astype(np.float32)))], 1)

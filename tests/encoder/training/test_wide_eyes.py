@@ -19,10 +19,10 @@ from encoder.training.stages import wide_eyes
 from encoder.training.streams import camera_windows as cameras
 from encoder.training.streams.eye_pictures import standard
 from encoder.training.streams.strange_light import strange
-from encoder.training.streams.wide_eyes import Counts, WideBatch, WidePictures, draw
+from encoder.training.streams.wide_eyes import BatchCounts, WideBatch, WidePictures, draw
 from sensors.types import InputError
 
-COUNTS = Counts(6, 6, 2, 2)
+COUNTS = BatchCounts(6, 6, 2, 2)
 
 
 @pytest.fixture(scope="module")

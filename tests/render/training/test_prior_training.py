@@ -29,7 +29,7 @@ class Studio:
         self.widths = self.opacities = np.ones(COUNT, np.float32)
         self.gloss = self.roughness = np.zeros(COUNT, np.float32)
 
-    def views(self, seed: int, rng: np.random.Generator) -> list[fit.View]:
+    def views(self, seed: int, rng: np.random.Generator) -> list[fit.ReferenceView]:
         levels = rng.uniform(0.4, 0.5, (COUNT, textures.LEVELS, 3)).astype(np.float32)
         shares = rng.random((PIXELS, COUNT)).astype(np.float32)
         shares /= shares.sum(1, keepdims=True)
@@ -37,7 +37,7 @@ class Studio:
         mirrored = rng.uniform(0, 0.05, (COUNT, 3)).astype(np.float32)
         albedo = np.einsum("nl,nlc->nc", self.blends[self.groups], levels)
         picture = shares @ developed(albedo**2 * light + mirrored)
-        return [fit.View(levels, csr_array(shares), light, mirrored, picture)]
+        return [fit.ReferenceView(levels, csr_array(shares), light, mirrored, picture)]
 
 
 def test_the_fit_finds_how_sharp_gaussians_read():

@@ -5,7 +5,7 @@ from math import radians
 import pytest
 
 from sensors import rotation
-from sensors.head.gate import BURST, MAX_HZ, Gate, Reading
+from sensors.head.gate import BURST, MAX_HZ, Reading, ReadingGate
 from sensors.rotation import UNIT
 from sensors.types import NS, HeadPacket
 
@@ -34,7 +34,7 @@ class Told(list[str]):
 )
 def test_what_is_no_pose_is_dropped_and_said_once(bad: Reading) -> None:
     told = Told()
-    gate = Gate("vmc://:1", told)
+    gate = ReadingGate("vmc://:1", told)
     passed = [gate(bad if k % 2 else turned(0), k * 10 * MS) for k in range(20)]
     assert [p is None for p in passed] == [bool(k % 2) for k in range(20)]
     assert gate.counts.bad == gate.counts.poses == 10
@@ -43,7 +43,7 @@ def test_what_is_no_pose_is_dropped_and_said_once(bad: Reading) -> None:
 
 def test_a_jump_is_left_out_until_it_lasts() -> None:
     told = Told()
-    gate = Gate("t", told)
+    gate = ReadingGate("t", told)
     turns = [0.0] * 10 + [90.0] + [0.0] * 10 + [90.0] * 40
     passed = [gate(turned(turn), k * 10 * MS) for k, turn in enumerate(turns)]
     assert passed[10] is None and passed[11] is not None  # one wild pose
@@ -52,20 +52,20 @@ def test_a_jump_is_left_out_until_it_lasts() -> None:
 
 
 def test_a_quick_turn_is_no_jump() -> None:
-    gate = Gate("t", Told())
+    gate = ReadingGate("t", Told())
     for k in range(20):  # 700 degrees a second
         assert gate(turned(7.0 * k), k * 10 * MS)
 
 
 def test_a_flood_is_cut_down() -> None:
     told = Told()
-    gate = Gate("t", told)
+    gate = ReadingGate("t", told)
     kept = sum(gate(turned(0), k * NS // 20_000) is not None for k in range(20_000))
     assert kept <= MAX_HZ + BURST and gate.counts.flooded == 20_000 - kept and len(told) == 1
 
 
 def test_the_sender_clock_smooths_arrivals_and_never_goes_back_or_ahead() -> None:
-    gate = Gate("t", Told())
+    gate = ReadingGate("t", Told())
     delays = [3, 9, 1, 30, 2, 5, 1, 8] * 40
     packets: list[HeadPacket] = []
     arrivals: list[int] = []
@@ -87,5 +87,5 @@ def test_the_sender_clock_smooths_arrivals_and_never_goes_back_or_ahead() -> Non
 
 @pytest.mark.parametrize("device_s", [NAN, float("inf"), 1e300, None])
 def test_a_clock_that_is_none_leaves_the_arrival(device_s: float | None) -> None:
-    packet = Gate("t", Told())(Reading(ORIGIN, UNIT, device_s), 5 * NS)
+    packet = ReadingGate("t", Told())(Reading(ORIGIN, UNIT, device_s), 5 * NS)
     assert packet and packet.t_ns == 5 * NS

@@ -11,7 +11,7 @@ from head_packets import bone, osc, pose
 from sensors.assemble import HEAD_TOLERANCE_NS, Assembler
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.head import vmc
-from sensors.head.gate import Counts, Gate
+from sensors.head.gate import ReadingCounts, ReadingGate
 from sensors.head.links import PlayedHeadLink, UdpLink
 from sensors.head.source import LOST, WAITING, HeadSource
 from sensors.head.spec import SCHEMES, head_source
@@ -35,7 +35,7 @@ def sound(k: int) -> AudioPacket:
 
 def test_poses_come_through_a_port_and_a_flood_ends_nothing() -> None:
     told: list[str] = []
-    gate = Gate("vmc", told.append)
+    gate = ReadingGate("vmc", told.append)
     link = UdpLink("127.0.0.1", 0, vmc.VmcDecoder(), vmc.MAX_DATAGRAM, gate, MonotonicClock())
     source = HeadSource("vmc", lambda: link, MonotonicClock())
     with pytest.raises(RuntimeError):
@@ -62,7 +62,7 @@ def test_poses_come_through_a_port_and_a_flood_ends_nothing() -> None:
     source.close()
 
 
-def _taken(port: int, gate: Gate):  # type: ignore[no-untyped-def]
+def _taken(port: int, gate: ReadingGate):  # type: ignore[no-untyped-def]
     return "127.0.0.1", port, vmc.VmcDecoder(), vmc.MAX_DATAGRAM, gate, MonotonicClock()
 
 
@@ -78,7 +78,7 @@ def test_a_silent_tracker_is_lost() -> None:
 def test_played_poses_keep_their_pace_and_go_round() -> None:
     clock = ManualClock()
     link = PlayedHeadLink(packets(3), clock)
-    assert link.counts == Counts()
+    assert link.counts == ReadingCounts()
     clock.sleep_until_ns(NS)
     link.open()
     clock.sleep_until_ns(NS + 4 * FRAME_NS + 5)
