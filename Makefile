@@ -42,7 +42,7 @@ demo: setup  ## replay the demo recording into demo.mp4
 	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4
 
 test: setup  ## the quick tests, in parallel
-	$(PY) -m pytest -n auto -m "not slow"
+	$(PY) -m pytest -n auto --dist worksteal -m "not slow"
 
 check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff check .
@@ -51,7 +51,7 @@ check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/pyright
 	$(VENV)/bin/pyright --pythonplatform Windows $(PORTABLE)
 	$(VENV)/bin/pyright --pythonplatform Darwin $(PORTABLE)
-	$(PY) -m pytest -n auto
+	$(PY) -m pytest -n auto --dist worksteal
 
 golden: setup  ## bless the golden pictures anew (llvmpipe, clean tree)
 	$(PY) -m pytest tests/render/splats/test_golden.py --update-golden

@@ -25,6 +25,7 @@ def test_json_nested_too_deeply_is_bad_json(tmp_path: Path) -> None:
         files.read_json(path)
 
 
+@pytest.mark.slow
 def test_an_npz_that_unpacks_to_gigabytes_is_refused(tmp_path: Path) -> None:
     """Red before: 6 MB took 6.5 GB."""
     path = tmp_path / "bomb.npz"

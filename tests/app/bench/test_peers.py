@@ -14,6 +14,8 @@ from encoder.audio import config as audio  # noqa: E402
 from encoder.backends import Networks  # noqa: E402
 from encoder.denoiser import config as denoiser  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 
 class Causal(nn.Module):
     def forward(self, x: Tensor) -> Tensor:

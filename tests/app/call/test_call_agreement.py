@@ -97,6 +97,7 @@ def test_anything_else_is_refused_in_one_line(data: bytes) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @settings(deadline=None)
 @given(st.sampled_from(sorted(asdict(ANN))), json_values)
 def test_a_hello_with_one_wrong_field_is_refused_or_whole(field: str, value: object) -> None:

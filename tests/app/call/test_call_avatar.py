@@ -104,6 +104,7 @@ def test_nothing_is_sent_to_who_did_not_agree(state: dict[str, object]) -> None:
     assert any("offers the file" in line for line in wire.told)
 
 
+@pytest.mark.slow
 def test_it_is_sent_once_and_drawn(tmp_path: Path) -> None:
     wire = Wire(takes_avatars=True)
     sent = wire.calls[0].parcel = Parcel(FILE)

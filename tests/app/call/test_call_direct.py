@@ -26,6 +26,8 @@ from app.call.wire.invite import Invite
 from app.call.wire.packet import Tick
 from sensors.types import InputError
 
+pytestmark = pytest.mark.slow
+
 MATERIAL = synthetic_material(3, 0)
 PATIENCE_S = 60.0  # a busy machine of two cores
 

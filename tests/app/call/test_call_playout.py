@@ -134,6 +134,7 @@ def lossy(
     return lambda t: None if rng.random() < loss else base + rng.uniform(-jitter, jitter)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("line", "most_ms", "concealed", "held"),
     [((20, 5, 0.01), 75, 0.005, 0.005), ((40, 20, 0.05), 130, 0.01, 0.01)],
@@ -150,6 +151,7 @@ def test_lossy_lines(line: tuple, most_ms: float, concealed: float, held: float)
     assert abs(np.median(heard.lips_ms)) < 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("drift", [150e-6, -150e-6])
 @pytest.mark.parametrize("card", [0.0, 200e-6])
 def test_drift_of_both_sound_cards_is_played_away(drift: float, card: float) -> None:
@@ -159,6 +161,7 @@ def test_drift_of_both_sound_cards_is_played_away(drift: float, card: float) -> 
     assert np.abs(heard.lips_ms).max() < 5
 
 
+@pytest.mark.slow
 def test_the_delay_grows_with_the_line_and_comes_back() -> None:
     heard = call(60, lambda t: 60.0 if 20 < t < 30 else 2.0)
     delay = np.array(heard.delay_ms)
@@ -168,6 +171,7 @@ def test_the_delay_grows_with_the_line_and_comes_back() -> None:
     assert heard.voice and heard.voice.counts.jumps == 0
 
 
+@pytest.mark.slow
 def test_an_outage_fades_out_and_comes_back_by_itself() -> None:
     heard = call(30, lambda t: None if 10 < t < 16 else 2.0)
     presence = np.array(heard.presence)

@@ -23,6 +23,8 @@ from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite, parse
 from sensors.types import InputError
 
+pytestmark = pytest.mark.slow
+
 KEY = "0123456789abcdef" * 2
 MATERIAL = synthetic_material(1, 0)
 HELLO = Hello(identity="0" * 32, name="Ann", basis=MATERIAL.basis.number)

@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from app.call.media.face import end_of
 from app.call.table.company import OWN_SCALE, Company, Place, joined, placed, places
@@ -80,6 +81,7 @@ def test_a_place_turns_moves_and_scales_rigidly() -> None:
     assert not both.weights[70:].any()
 
 
+@pytest.mark.slow
 def test_a_partner_names_no_file_of_this_machine(tmp_path: Path) -> None:
     decoder = Decoder.load(gaussians="16k")
     _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
@@ -102,6 +104,7 @@ def test_partners_are_drawn_and_the_own_head_is_small() -> None:
     assert len(everybody) > 2 * len(own)
 
 
+@pytest.mark.slow
 def test_a_partner_turns_the_head_and_breathes() -> None:
     decoder, who = Decoder.load(gaussians="16k"), identity.load("ada")
     _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))

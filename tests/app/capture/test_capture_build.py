@@ -15,9 +15,12 @@ from encoder.capture.subjects.plans import Config
 from sensors.session.recording import Recording
 from sensors.types import InputError
 
-pytestmark = pytest.mark.skipif(
-    not (shutil.which("flite") and shutil.which("espeak-ng")), reason="no speech engines here"
-)
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.skipif(
+        not (shutil.which("flite") and shutil.which("espeak-ng")), reason="no speech engines here"
+    ),
+]
 CONFIG = Config(subjects=2, hours=0.006, languages=1, seed=3)
 
 

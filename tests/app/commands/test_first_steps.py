@@ -22,6 +22,7 @@ def test_no_words_and_version(
     assert said in capsys.readouterr().out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words", ["run", "replay", "record", "calibrate", "bench", "capture", "train", "call host"]
 )

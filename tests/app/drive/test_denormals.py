@@ -8,6 +8,7 @@ from render.decoder.decoder import Decoder
 from sensors.types import SensorFrame
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["16k", "32k"])
 def test_a_decoder_loads_where_a_driver_runs(preset):
     driver = load_driver(None, "cpu")

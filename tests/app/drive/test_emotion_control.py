@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from app.drive.controls import Controls
 from app.drive.emotion import EmotionControl
@@ -126,6 +127,7 @@ def run(source, emotions: EmotionControl, record=None) -> list[str]:  # noqa: AN
     return driver.felt
 
 
+@pytest.mark.slow
 def test_a_run_is_recorded_with_its_emotion_and_replays_with_it(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "tape", created="") as writer:
         assert run(Sounds(), EmotionControl("sad:0.5"), writer.append) == ["sad:0.5"] * 10

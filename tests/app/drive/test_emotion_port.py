@@ -133,6 +133,7 @@ def test_a_taken_port_is_said(port: OscPort) -> None:
             OscPort("127.0.0.1", number, check)
 
 
+@pytest.mark.slow
 def test_a_run_that_is_sent_everything_goes_on_and_ends_at_ctrl_c(tmp_path: Path) -> None:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         probe.bind(("127.0.0.1", 0))

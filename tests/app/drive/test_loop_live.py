@@ -47,6 +47,7 @@ def run(device: Tone, clock: ManualClock, realtime: bool = True, record=None):  
     return drive(parts), ages.ns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate", [0.99, 1.0, 1.01])
 def test_a_device_with_a_clock_of_its_own_is_never_left_behind(rate: float) -> None:
     clock = ManualClock(NS)

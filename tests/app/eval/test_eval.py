@@ -54,6 +54,7 @@ def test_settings_are_never_mixed_in_one_table(capsys):
     assert out.count("1.250") == 2
 
 
+@pytest.mark.slow
 def test_noises_have_their_level_and_silence_none():
     sounds = eval_live.not_speech(0)
     assert set(sounds) == {"silence", "pink", "fan", "keyboard", "music"}

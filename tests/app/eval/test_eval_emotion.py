@@ -68,6 +68,7 @@ def test_a_row_that_lacks_a_figure_is_shown(capsys: pytest.CaptureFixture[str]) 
     assert "0.912" in out and "-" in out
 
 
+@pytest.mark.slow
 def test_pictures(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     table = np.eye(len(LABELS))

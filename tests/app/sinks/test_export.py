@@ -104,6 +104,7 @@ def test_pygltflib_reads_a_posed_head(cloud: Gaussians, tmp_path: Path) -> None:
     assert position.max == pytest.approx((cloud.means / 1000).max(0), abs=1e-6)
 
 
+@pytest.mark.slow
 def test_much_is_told_before_it_is_written_and_too_much_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -122,6 +123,7 @@ def test_much_is_told_before_it_is_written_and_too_much_is_refused(
         sink.on_start(RunInfo(64, 64, 484))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "save"), [(".ply", ply.save), (".glb", gltf.save)])
 def test_the_moving_head_is_a_folder_of_files(
     tmp_path: Path,
@@ -140,6 +142,7 @@ def test_the_moving_head_is_a_folder_of_files(
         CloudSink(tmp_path / "x", 0, suffix, save, Decoder.load(), identity.load("ben"))
 
 
+@pytest.mark.slow
 def test_the_live_link_table_has_the_names_of_a_live_link_reader(tmp_path: Path) -> None:
     sink = ArkitSink(tmp_path / "face.csv", Decoder.load())
     sink.on_start(RunInfo(64, 64, 3))
@@ -153,6 +156,7 @@ def test_the_live_link_table_has_the_names_of_a_live_link_reader(tmp_path: Path)
     assert all(float(row[shape.name]) <= 1 for row in rows for shape in FaceBlendShape)
 
 
+@pytest.mark.slow
 def test_a_session_becomes_one_video_that_pyav_plays(tmp_path: Path) -> None:
     session.export(SMOKE, tmp_path / "smoke.mkv")
     with av.open(str(tmp_path / "smoke.mkv")) as file:

@@ -162,6 +162,7 @@ def test_vrchat_carries_the_table_by_name(
 _PITCH_YAW = ("Pitch", "Yaw")
 
 
+@pytest.mark.slow
 def test_an_open_lid_is_three_quarters_and_a_shut_one_nothing(decoder: Decoder) -> None:
     lids: dict[str, float] = {}
     for blink in (0.0, 1.0):

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from app.terminal.compiling import WORDS
 
 LOOPS = """
@@ -24,6 +26,7 @@ print(loops.twice(2), loops.thrice(3))
 """
 
 
+@pytest.mark.slow
 def test_it_is_told_once_and_only_on_the_first_run(tmp_path: Path) -> None:
     (tmp_path / "loops.py").write_text(LOOPS)
     root = Path(__file__).parents[3]

@@ -45,6 +45,7 @@ def test_it_asks_and_takes_no_for_an_answer(
     assert asked.getvalue() == ""
 
 
+@pytest.mark.slow
 def test_an_export_asks_and_a_script_is_not_asked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,6 +1,7 @@
 """The bytes of the cloud: what a page gets is what the decoder made, within its steps."""
 
 import numpy as np
+import pytest
 from web_client import draw, psnr
 
 from app.web.cloud import STATIONS, CloudReader, Ranges, base_message, pack, tick_message
@@ -85,6 +86,7 @@ def test_a_tick_needs_no_other_tick(decoder: Decoder, who: Identity) -> None:
     np.testing.assert_array_equal(all_of_them.gaussians.means, last.gaussians.means)
 
 
+@pytest.mark.slow
 def test_a_page_gets_as_many_gaussians_as_were_asked_for(who: Identity) -> None:
     counts = {}
     for gaussians in ("16k", "32k"):
@@ -98,6 +100,7 @@ def test_a_page_gets_as_many_gaussians_as_were_asked_for(who: Identity) -> None:
     assert counts["32k"] - counts["16k"] > 15_000
 
 
+@pytest.mark.slow
 def test_a_receiver_turns_the_head_itself() -> None:
     """What the page's shader does with `neck`, in numpy, against the decoder."""
     decoder, who = Decoder.load(), identity.load("ben")

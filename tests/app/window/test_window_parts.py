@@ -74,6 +74,7 @@ def test_a_tick_in_the_making_is_not_read() -> None:
     memory.close()
 
 
+@pytest.mark.slow
 def test_eye_marks_follow_gaze_and_lids() -> None:
     decoder, who = Decoder.load(), identity.load("ben")
     marks = EyeMarks(decoder, who)
@@ -194,6 +195,7 @@ def parts(panel: Panel, sink: Keep, view: View | None = None) -> Drive:
     )
 
 
+@pytest.mark.slow
 def test_the_loop_mutes_starts_anew_and_ends_when_asked() -> None:
     assert run(Panel()) == [(k, 1.0) for k in range(10)]
     assert [loud for _, loud in run(Panel(muted=4))] == [1.0] * 4 + [0.0] * 6

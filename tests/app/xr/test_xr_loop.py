@@ -22,6 +22,8 @@ from sensors.clock import ManualClock
 from sensors.head.headset import joint
 from sensors.types import FPS, NS, HeadPacket
 
+pytestmark = pytest.mark.slow
+
 SIZE = (160, 144)
 BEHIND = (0.16, 0.16, 0.16)
 PATIENCE = 50_000  # looks at whether it has come

@@ -139,6 +139,7 @@ def config(folder: Path, **more: object) -> contact.ContactConfig:
     )  # type: ignore[arg-type]  # fmt: skip
 
 
+@pytest.mark.slow
 def test_it_learns_to_shut_lips_when_it_hears_that_they_are(folder: Path) -> None:
     before, _ = load_denoiser(folder / "student", "student")
     contact.run(config(folder), FACE)

@@ -47,6 +47,7 @@ def test_known_words_need_no_model_and_unknown_ones_pass(words: str, tmp_path: P
     assert understood(words, LABELS, None, tmp_path / "words.json") == words
 
 
+@pytest.mark.slow
 def test_a_folder_without_a_model_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="expected a folder with a CLIP model"):
         clip_embed(tmp_path / "none")

@@ -62,6 +62,7 @@ def drive(
     return np.array(codes), np.array(gaze), state
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", ["torch", "onnx", "onnx-int8"])
 def test_eyes_are_seen_and_the_future_is_not(backend: BackendName) -> None:
     d, eyes, valid = driver(backend), pictures(20), np.ones((20, 2), bool)

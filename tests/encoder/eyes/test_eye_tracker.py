@@ -126,6 +126,7 @@ def test_one_after_the_other_lost() -> None:
     assert states[60 + HOLD_FRAMES].source == (WALK, WALK)
 
 
+@pytest.mark.slow
 def test_no_jump_whenever_an_eye_is_lost() -> None:
     """Lost and found at random: no larger step than eyes make by themselves."""
     rng = np.random.default_rng(4)

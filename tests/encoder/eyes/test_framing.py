@@ -56,6 +56,7 @@ def test_a_picture_without_an_eye_is_taken_as_it_is() -> None:
     assert not state.frames.any() and state.chance.max() < 0.01
 
 
+@pytest.mark.slow
 def test_the_frame_is_what_the_finder_says_and_then_the_mean() -> None:
     made, finder = framing(8, 0.2, -0.1, 0.3, np.cos(0.2), np.sin(0.2))
     _, state = made.step(eyes(), new_framing())
@@ -71,6 +72,7 @@ def test_the_frame_is_what_the_finder_says_and_then_the_mean() -> None:
     assert np.allclose(followed(made, 900, state).frames[:, 0], 0.3, atol=0.02)
 
 
+@pytest.mark.slow
 def test_a_frame_that_hardly_changes_stays() -> None:
     made, finder = framing(8, 0.2, 0, 0, 1, 0)
     state = followed(made, 100)
@@ -78,6 +80,7 @@ def test_a_frame_that_hardly_changes_stays() -> None:
     assert np.array_equal(followed(made, 500, state).frames, state.frames)
 
 
+@pytest.mark.slow
 def test_usual_pictures_are_left_as_they_are_and_it_does_not_go_to_and_fro() -> None:
     """Red before: frames that drifted cost rendered eyes .2 degrees, .4 after calibration."""
     made, finder = framing(8, 0.15, -0.1, 0.25, np.cos(0.1), np.sin(0.1))

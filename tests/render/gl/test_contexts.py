@@ -67,6 +67,7 @@ except InputError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("version", ["3.3", "4.1"])  # 4.1 is what macOS has
 def test_quads_are_chosen_where_there_are_no_compute_shaders(version):
     environment = dict(

@@ -28,6 +28,7 @@ def pictures(egl_context):
     return draw_all(wrap_context(egl_context, "tiles"))
 
 
+@pytest.mark.slow
 def test_quads_draw_the_golden_pictures(egl_context):
     pictures = draw_all(wrap_context(egl_context, "quads"))
     wrong = [text for name, picture in pictures.items() if (text := mismatch(name, picture))]

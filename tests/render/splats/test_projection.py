@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from scenes import head_scene, join, single, take
 
 from render.cameras import portrait
@@ -29,6 +30,7 @@ def test_the_order_is_that_of_depth():
     assert (np.diff(depths) >= -1e-3).all()
 
 
+@pytest.mark.slow
 def test_a_splat_is_dealt_to_the_tiles_that_its_pixels_lie_in_and_to_few_others():
     scene, size = take(head_scene(3000), np.arange(0, 3000, 15)), (26, 17)
     scene = replace(scene, scales=scene.scales * np.float32(2.5))

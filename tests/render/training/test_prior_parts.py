@@ -113,6 +113,7 @@ def test_crossing_lips_are_found():
     assert judge.depth_mm(crossed) == pytest.approx(0.7)
 
 
+@pytest.mark.slow
 def test_fitting_splats_are_the_reference_splats():
     """The shares of Gaussians in pixels give what render/splats/reference.py draws."""
     from render.training.fitting import splatter

@@ -77,6 +77,7 @@ def test_what_is_played_arrives_bit_for_bit(server: PulseServer, running: Microp
     np.testing.assert_array_equal(heard[start : start + len(expected)], expected)
 
 
+@pytest.mark.slow
 def test_times_and_counters_agree(running: Microphone) -> None:
     packets = listen(running, 1.5)
     first, last = packets[0], packets[-1]
@@ -88,6 +89,7 @@ def test_times_and_counters_agree(running: Microphone) -> None:
     assert last.t_ns < now_ns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "channels"), [(16_000, 1), (44_100, 2)])
 def test_other_rates_and_stereo_become_48_khz_mono(
     server: PulseServer, rate: int, channels: int
@@ -112,6 +114,7 @@ def test_other_rates_and_stereo_become_48_khz_mono(
     assert np.quantile(np.abs(loud), 0.99) == pytest.approx(10_000 / 32768, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["unplug", "kill", "stall"])
 def test_a_microphone_that_goes_comes_back_with_its_count(
     server: PulseServer, running: Microphone, fault: str
@@ -168,6 +171,7 @@ def test_names(server: PulseServer) -> None:
         portaudio.find_name("no such microphone")
 
 
+@pytest.mark.slow
 def test_the_live_source_keeps_the_contract_of_sources(server: PulseServer) -> None:
     clock = MonotonicClock()
     source = LiveSource(Microphone(NAME, clock), [], clock, seconds=0.5)
@@ -175,6 +179,7 @@ def test_the_live_source_keeps_the_contract_of_sources(server: PulseServer) -> N
     assert sum(len(p.samples) for p in packets if isinstance(p, AudioPacket)) >= SAMPLE_RATE // 3
 
 
+@pytest.mark.slow
 def test_closing_never_hangs_even_when_the_server_does(server: PulseServer) -> None:
     microphone = Microphone(NAME, MonotonicClock())
     microphone.open()

@@ -48,6 +48,7 @@ def test_pictures_over_http_are_those_that_were_sent(server: MjpegServer, start:
     assert MonotonicClock().now_ns() > times[-1]
 
 
+@pytest.mark.slow
 def test_device_times_take_the_jitter_out(server: MjpegServer, start: Start) -> None:
     server.jitter_ms = 12
     packets = collect(start(server.url + "#eye=left"), 60)
@@ -72,6 +73,7 @@ def test_two_views_side_by_side_turned_and_swapped(start: Start) -> None:
         server.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", FAULTS)
 def test_a_camera_survives_its_failures(server: MjpegServer, start: Start, fault: str) -> None:
     camera = start(server.url + "#eye=left")
@@ -124,6 +126,7 @@ def test_a_camera_that_is_not_there_is_found_when_it_comes(start: Start) -> None
     wait_until(lambda: camera.problem != "", "the loss")
 
 
+@pytest.mark.slow
 def test_openiris_over_a_serial_line_and_through_noise(start: Start) -> None:
     pictures = film(12, 240, 240)
     line = SerialCamera(pictures, rate_hz=60)

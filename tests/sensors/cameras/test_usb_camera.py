@@ -69,6 +69,7 @@ def test_damaged_payloads_cost_their_picture_only(start: Start) -> None:
     assert {p.image.tobytes() for p in seen} <= sent
 
 
+@pytest.mark.slow
 def test_unplugged_and_plugged_in_again(start: Start) -> None:
     backend = UsbCamera(FILM, rate_hz=60)
     camera = start(BEYOND, backend)
@@ -101,6 +102,7 @@ def test_devices_name_the_likely_headset() -> None:
     assert found.problem == ""
 
 
+@pytest.mark.slow
 def test_the_vive_tracker_is_switched_on_and_off() -> None:
     backend = UsbCamera(
         film(4), vendor=0x0BB4, product=0x0321, width=400, needs_switch=True, rate_hz=60

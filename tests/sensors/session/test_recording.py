@@ -176,6 +176,7 @@ def test_repair_mends_header_and_half_a_line(tmp_path: Path) -> None:
     assert all(b is not None and same_packet(a, b) for a, b in zip(sent, got, strict=True))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cut", [1, 1000, 60_000, 170_000, 400_000])
 def test_repair_keeps_only_whole_pictures(tmp_path: Path, cut: int) -> None:
     folder = interrupted(tmp_path)

@@ -83,6 +83,7 @@ def test_real_time_never_gives_a_packet_early_or_late(folder: Path) -> None:
         clock.advance_ns(5_000_000)
 
 
+@pytest.mark.slow
 def test_a_video_cut_short_is_held_and_counted(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "s", created="") as writer:
         for packet in packets(0.7):

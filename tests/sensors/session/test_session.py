@@ -53,6 +53,7 @@ def test_times_come_from_counters_and_start_at_zero(tmp_path: Path) -> None:
     assert all(f.eyes is None for f in frames(tmp_path / "s"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "width", "height"), [(60, 640, 480), (24, 160, 120), (30, 800, 200)]
 )
