@@ -5,7 +5,7 @@ Times are int64 nanoseconds on one monotonic axis; the left eye is index 0. Each
 1600 new samples of 48 kHz mono sound plus the newest pair of eye pictures (paper section 3).
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -18,6 +18,7 @@ SAMPLES_PER_FRAME = 1600
 EYE_SIZE = 400
 NS = 1_000_000_000
 EYE_NAMES = ("left", "right")
+FACE_DIM = 70  # weights of XR_FB_face_tracking2, in its order
 
 
 class InputError(ValueError):
@@ -64,12 +65,24 @@ class HeadPose:
 
 @dataclass(frozen=True)
 class HeadPacket:
-    """One pose as the tracker delivered it, in the axes of HeadPose and any origin."""
+    """One pose as the tracker delivered it, in the axes of HeadPose and any origin.
+
+    `face` drives nothing: it is recorded, so that ours can be compared with it.
+    """
 
     t_ns: int
     pose: HeadPose
     valid: bool = True  # False: the tracker says itself that it has lost the head
     gaze: tuple[float, float, float] | None = None  # unit, in the head's axes: both eyes' aim
+    face: tuple[float, ...] | None = None  # [70] 0..1: XR_FB_face_tracking2
+
+
+def check_face(weights: Sequence[float]) -> tuple[float, ...]:
+    """The weights of a HeadPacket's face, rounded to 1e-4; raise ValueError unless they are."""
+    face = tuple(round(float(weight), 4) for weight in weights)
+    if len(face) != FACE_DIM or not all(0 <= weight <= 1 for weight in face):
+        raise ValueError(f"face: expected {FACE_DIM} weights from 0 to 1, got {len(face)}")
+    return face
 
 
 Packet = AudioPacket | EyePacket | EmotionPacket | HeadPacket

@@ -1,7 +1,8 @@
 """`livedrive record DIR`: the sensors alone, every packet, for later."""
 
 import shlex
-from dataclasses import dataclass
+from contextlib import nullcontext
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,9 +10,10 @@ import tyro
 from tyro.conf import Positional
 
 from app.commands.live import LiveOptions, ends_on_signals
-from app.compose.live import live_source, open_recorder, tell
+from app.compose.live import live_source, open_poses, open_recorder, tell
+from app.compose.settings import LiveSettings
 from sensors.head import spec as heads
-from sensors.types import NS
+from sensors.types import NS, Clock, InputError
 
 if TYPE_CHECKING:
     from sensors.live.source import LiveSource
@@ -31,17 +33,31 @@ class Record(LiveOptions):
     head: Annotated[
         str, tyro.conf.arg(metavar="SPEC|still", help=f"A tracker of the head: {heads.HELP}.")
     ] = "still"
+    xr: bool = False
+    """Record an OpenXR headset: its pose, and where it has them gaze and face. It shows nothing."""
+
+    def live_settings(self) -> LiveSettings:
+        settings = super().live_settings()
+        if not self.xr:
+            return settings
+        if self.head not in ("still", "xr"):
+            raise InputError(f"--xr: expected one tracker, got --head {self.head}, too; give one")
+        return replace(settings, head="xr")
 
     def run(self) -> None:
+        from sensors.clock import MonotonicClock
+
+        settings, clock = self.live_settings(), MonotonicClock()
+        with open_poses(clock) if self.xr else nullcontext() as xr:
+            self._record(live_source(settings, clock, xr=xr), clock)
+
+    def _record(self, source: "LiveSource", clock: Clock) -> None:
         import sys
 
         from app.compose.report import sensor_report
         from app.sinks.sensor_notes import SensorNotes
         from sensors.audio.portaudio import silence_native_messages
-        from sensors.clock import MonotonicClock
 
-        clock = MonotonicClock()
-        source = live_source(self.live_settings(), clock)
         recorder = open_recorder(self.folder, source)
         silence_native_messages()
         notes = SensorNotes(source, tell)
@@ -88,4 +104,6 @@ def _states(source: "LiveSource") -> str:
         parts.append(microphone.problem or level)
     for camera in source.cameras:
         parts.append(f"{camera.name}: {camera.problem or 'live'}")
+    if source.head:
+        parts.append(f"{source.head.name}: {source.head.problem or 'live'}")
     return "  ".join(parts)

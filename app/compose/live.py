@@ -1,6 +1,7 @@
 """The sensors of a live run, built from settings: microphone, eye cameras, and their recorder."""
 
-from collections.abc import Mapping
+from collections.abc import Generator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -40,7 +41,9 @@ def _head(
         from app.xr.headset import xr_head
 
         if xr is None:
-            raise InputError("--head xr: expected --xr, got none; try run --xr headless --head xr")
+            raise InputError(
+                "--head xr: expected --xr, got none; try run --xr headless, or record --xr"
+            )
         return xr_head(xr.memory, clock, tell, expected=spec == "xr")
     if spec == "web" or (spec == "auto" and page is not None):
         from app.web.headset_source import web_head
@@ -120,6 +123,21 @@ def open_xr(
         seats=seats,
     )
     return XrSink(info, clock, tell)
+
+
+@contextmanager
+def open_poses(clock: Clock) -> "Generator[XrSink]":
+    """A headset that shows nothing, for its poses; it is let go at the end."""
+    from app.drive.sink import RunInfo
+    from app.xr.link import XrInfo
+    from app.xr.sink import XrSink
+
+    sink = XrSink(XrInfo("headless", avatar=""), clock, tell)
+    try:
+        sink.on_start(RunInfo(0, 0, None))
+        yield sink
+    finally:
+        sink.close()
 
 
 def open_recorder(

@@ -54,7 +54,8 @@ def _runtime(info: XrInfo, clock: MonotonicClock) -> "Runtime":
     from render.gl.contexts import create_context
 
     context = None if headless else create_context()
-    return StandInRuntime(clock, context=context, size=(64, 64), is_there=Path(info.standin).exists)
+    is_there, (width, height) = Path(info.standin).exists, info.standin_px
+    return StandInRuntime(clock, context=context, size=(width, height), is_there=is_there)
 
 
 if __name__ == "__main__":

@@ -30,12 +30,13 @@ class HeadsetLink:
         packets: list[HeadPacket] = []
         for pose in self._memory.poses.after(self._number):
             self._number = int(pose["number"])
-            gaze = pose["gaze"].tolist()
+            gaze, face = pose["gaze"].tolist(), pose["face"].tolist()
             read = headset.reading(
                 pose["position"].tolist(),
                 pose["xyzw"].tolist(),
                 tracked=bool(pose["tracked"]),
                 gaze=gaze if all(map(isfinite, gaze)) else None,
+                face=face if all(map(isfinite, face)) else None,
             )
             packet = self._gate(read, min(int(pose["t_ns"]), self._clock.now_ns()))
             if packet is not None:

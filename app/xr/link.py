@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from app.process import memory
 from render.types import Density
+from sensors.types import FACE_DIM
 
 Mode = Literal["auto", "headless"]
 TICK = np.dtype(
@@ -35,6 +36,7 @@ POSE = np.dtype(
         ("xyzw", "<f8", (4,)),
         ("tracked", "?"),
         ("gaze", "<f8", (3,)),  # unit, in the head; NaN: not tracked
+        ("face", "<f4", (FACE_DIM,)),  # 0..1; NaN: not tracked
     ],
     align=True,
 )
@@ -46,12 +48,14 @@ STATUS = np.dtype(
         ("error", "S400"),  # why there will be no session
         ("problem", "S200"),  # why there is none now; empty: there is one
         ("runtime", "S100"),
+        ("state", "S16"),  # of the session, as OpenXR names it
         ("width", "<i8"),  # px of an eye's picture
         ("height", "<i8"),
         ("frames", "<i8"),  # in stereo, so far
         ("poses", "<i8"),
         ("losses", "<i8"),  # sessions that were lost
         ("draw_ms", "<f8"),  # of a stereo frame, lately
+        ("share", "<f8"),  # of the width and height of a full picture, lately
     ],
     align=True,
 )
@@ -68,6 +72,7 @@ class XrInfo:
     background: str = "studio"
     seats: str | None = None  # handle of a call's seats: partners are drawn too
     standin: str | None = None  # a file: while it is there, so is a runtime for tests
+    standin_px: tuple[int, int] = (64, 64)  # an eye's picture of that one
 
 
 class Ring:

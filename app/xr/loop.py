@@ -71,7 +71,9 @@ class XrLoop:
             self._tell("")
             budget = Budget()
             while self._wanted():
-                if session.showing() and scene is not None:
+                shows = session.showing()
+                status["state"] = session.state.encode()
+                if shows and scene is not None:
                     self._frame(session, scene, budget)
                 else:
                     self._clock.sleep_until_ns(
@@ -117,6 +119,7 @@ class XrLoop:
             cost_ns = self._clock.now_ns() - began_ns
             budget.spent(cost_ns, frame.period_ns)
             status["frames"] += 1
+            status["share"] = budget.share
             status["draw_ms"] += (cost_ns / 1e6 - status["draw_ms"]) * 0.1
 
     def _post_head(self, session: Session) -> None:
@@ -133,6 +136,7 @@ class XrLoop:
             xyzw=head.xyzw,
             tracked=head.tracked,
             gaze=head.gaze or (NAN, NAN, NAN),
+            face=head.face or NAN,
         )
         self._memory.status["poses"] += 1
 

@@ -4,7 +4,7 @@ Both eyes are drawn one by one, with an order of their own: one sort for both wo
 their axes are not parallel, and save little (`bench xr` tells how much).
 """
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from render.splats.quads import QuadRenderer
 from render.types import Camera, Gaussians, Renderer
@@ -38,10 +38,11 @@ class Painter:
     def __init__(self, context: "GLContext", renderer: Renderer) -> None:
         context.activate()
         self._context, self._renderer = context, renderer
-        gl = context.gl
+        gl: Any = context.gl
         self._program = gl.program(vertex_shader=VERTEX, fragment_shader=FRAGMENT)
         self._triangle = gl.vertex_array(self._program, [])
         self._upload: moderngl.Texture = gl.texture((1, 1), 4)
+        self._size = (1, 1)  # px, of that texture
 
     def paint(self, cloud: Gaussians, camera: Camera, target: "moderngl.Framebuffer") -> None:
         """Fill the target; a camera of another size is scaled."""
@@ -61,9 +62,9 @@ class Painter:
         if isinstance(self._renderer, QuadRenderer):
             return self._renderer.texture
         pixels, size = self._renderer.read_rgba(), (camera.width, camera.height)
-        if self._upload.size != size:
+        if self._size != size:
             self._upload.release()
-            self._upload = self._context.gl.texture(size, 4)
+            self._upload, self._size = self._context.gl.texture(size, 4), size
             self._upload.repeat_x = self._upload.repeat_y = False
         self._upload.write(pixels)
         return self._upload

@@ -77,11 +77,13 @@ class XrSink:
             "mode": self._info.mode,
             "runtime": self.memory.text("runtime"),
             "problem": self.memory.text("problem"),
+            "state": self.memory.text("state"),
             "eye_px": [int(status["width"]), int(status["height"])],
             "frames": int(status["frames"]),
             "poses": int(status["poses"]),
             "losses": int(status["losses"]),
             "crashes": self._crashes,
+            "share": float(status["share"]),
             "draw_ms": round(float(status["draw_ms"]), 2),
         }
 

@@ -4,14 +4,14 @@ Flow: datagram -> decoder -> Reading -> ReadingGate -> HeadPacket -> HeadSource.
 flood, send NaN or a quaternion of zeros, jump, and has a clock of its own.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import isfinite
 
 from sensors import rotation
 from sensors.clock_map import ClockMap
 from sensors.rotation import Quat, Vector
-from sensors.types import NS, HeadPacket, HeadPose
+from sensors.types import NS, HeadPacket, HeadPose, check_face
 
 MAX_HZ = 250  # poses a second that are kept
 BURST = 16  # poses that may come at once
@@ -32,6 +32,7 @@ class Reading:
     device_s: float | None = None  # the sender's own clock
     tracked: bool = True
     gaze: Vector | None = None  # a direction in the head
+    face: Sequence[float] | None = None  # [70] weights of the headset's own face tracking
 
 
 @dataclass
@@ -66,12 +67,14 @@ class ReadingGate:
         try:
             pose = rotation.checked(reading.position, reading.quat)
             gaze = None if reading.gaze is None else rotation.direction(reading.gaze)
+            face = None if reading.face is None else check_face(reading.face)
         except (ValueError, OverflowError) as error:
             return self._drop("bad", "a finite position and a rotation", str(error))
         if self._has_jumped(pose, arrival_ns):
             return self._drop("jumps", "a head that moves", "one that jumps")
         t_ns = self._time(reading.device_s, arrival_ns)
-        self._last, self._arrived_ns = HeadPacket(t_ns, pose, reading.tracked, gaze), arrival_ns
+        self._last = HeadPacket(t_ns, pose, reading.tracked, gaze, face)
+        self._arrived_ns = arrival_ns
         self.counts.poses += 1
         return self._last
 

@@ -22,6 +22,7 @@ def reading(
     device_s: float | None = None,  # the headset's own clock
     tracked: bool = True,
     gaze: Sequence[float] | None = None,  # unit, in the head, in the axes of OpenXR
+    face: Sequence[float] | None = None,  # [70] weights of XR_FB_face_tracking2
 ) -> Reading:
     """What is no pose is read as one that Gate refuses."""
     try:
@@ -30,7 +31,7 @@ def reading(
         return BAD
     pose = joint(eyes)
     aim = None if gaze is None else (-gaze[0], gaze[1], -gaze[2])
-    return Reading(pose.position, pose.quat, device_s, tracked, aim)
+    return Reading(pose.position, pose.quat, device_s, tracked, aim, face)
 
 
 def joint(eyes: HeadPose) -> HeadPose:

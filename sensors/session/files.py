@@ -104,6 +104,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "audio_lost_samples": missing,
             "eyes": {EYE_NAMES[eye]: _eye_info(s) for eye, s in recording.eyes.items()},
             "head_poses": len(recording.heads),
+            "head_faces": sum(entry.face is not None for entry in recording.heads),
             "repaired": bool(recording.card.get("repaired", False)),
             "packets_lost_in_repair": int(recording.card.get("packets_lost_in_repair", 0)),
             "bytes": sum(f.stat().st_size for f in held),

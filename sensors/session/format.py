@@ -15,7 +15,7 @@ from typing import Any, cast
 
 from sensors import files, rotation
 from sensors.rotation import Vector
-from sensors.types import EYE_NAMES, EYE_SIZE, NS, SAMPLE_RATE, HeadPose, InputError
+from sensors.types import EYE_NAMES, EYE_SIZE, NS, SAMPLE_RATE, HeadPose, InputError, check_face
 
 FORMAT = "livedrive-session"
 VERSION = 1
@@ -63,6 +63,7 @@ class HeadEntry:
     pose: HeadPose
     valid: bool
     gaze: Vector | None = None
+    face: tuple[float, ...] | None = None
 
 
 Entry = AudioEntry | EyeEntry | EmotionEntry | HeadEntry
@@ -152,6 +153,7 @@ def entry_line(entry: Entry) -> bytes:
             "valid": entry.valid,
         }
         fields |= {} if entry.gaze is None else {"gaze": entry.gaze}
+        fields |= {} if entry.face is None else {"face": entry.face}
     else:
         fields = {
             "stream": f"eye_{EYE_NAMES[entry.eye]}",
@@ -196,7 +198,8 @@ def _entry(fields: dict[str, Any]) -> Entry:
     if stream == "head":
         pose = rotation.checked(fields["position"], fields["quat"])
         gaze = rotation.direction(fields["gaze"]) if "gaze" in fields else None
-        return HeadEntry(_whole(fields["t_ns"]), pose, bool(fields["valid"]), gaze)
+        face = check_face(fields["face"]) if "face" in fields else None
+        return HeadEntry(_whole(fields["t_ns"]), pose, bool(fields["valid"]), gaze, face)
     eye = ("eye_left", "eye_right").index(stream)
     picture = _whole(fields["picture"])
     return EyeEntry(_whole(fields["t_ns"]), eye, _whole(fields["counter"]), picture)

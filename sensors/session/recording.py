@@ -84,7 +84,7 @@ class Recording:
         if isinstance(entry, EmotionEntry):
             return EmotionPacket(entry.t_ns, entry.words)
         if isinstance(entry, HeadEntry):
-            return HeadPacket(entry.t_ns, entry.pose, entry.valid, entry.gaze)
+            return HeadPacket(entry.t_ns, entry.pose, entry.valid, entry.gaze, entry.face)
         return self.eyes[entry.eye].packet(entry)
 
     def close(self) -> None:
@@ -156,7 +156,7 @@ class RecordingWriter:
         elif isinstance(packet, EmotionPacket):
             entry = EmotionEntry(packet.t_ns, packet.words)
         elif isinstance(packet, HeadPacket):
-            entry = HeadEntry(packet.t_ns, packet.pose, packet.valid, packet.gaze)
+            entry = HeadEntry(packet.t_ns, packet.pose, packet.valid, packet.gaze, packet.face)
         else:
             check_eye(packet)
             if packet.eye not in self._eyes:

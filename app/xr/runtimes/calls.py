@@ -3,6 +3,7 @@
 import os
 from collections.abc import Generator
 from contextlib import contextmanager
+from importlib import import_module
 from typing import Any
 
 from app.xr.runtimes.protocol import NoRuntimeError, SessionLostError
@@ -15,10 +16,9 @@ def library() -> Any:
     """pyopenxr. Raises NoRuntimeError where it is not installed."""
     os.environ.setdefault("XR_LOADER_DEBUG", "none")  # its errors are told by us
     try:
-        import xr
+        return import_module("xr")
     except (ImportError, OSError) as error:
         raise NoRuntimeError(f"--xr: expected pyopenxr, got {error}; run: {INSTALL}") from None
-    return xr
 
 
 def extensions() -> set[str]:

@@ -6,6 +6,7 @@ EGL where the runtime takes it (Monado: no display needed), else GLX on Linux an
 import ctypes
 import ctypes.util
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.xr.runtimes.calls import library
@@ -64,6 +65,14 @@ def framebuffer(context: GLContext, texture: int, size: tuple[int, int]) -> "mod
     return context.gl.framebuffer([context.gl.external_texture(texture, size, 4, 0, "f1")])
 
 
+def release(context: GLContext, framebuffers: "Sequence[moderngl.Framebuffer]") -> None:
+    """Let go of framebuffers, none of which stays in use: its name would be bound again later."""
+    context.activate()
+    context.gl.detect_framebuffer(0).use()
+    for each in framebuffers:
+        each.release()
+
+
 def _egl(xr: Any) -> Any:
     egl: Any = ctypes.CDLL(ctypes.util.find_library("EGL") or "libEGL.so.1")
     for name in ("eglGetCurrentDisplay", "eglGetCurrentContext"):
@@ -74,7 +83,7 @@ def _egl(xr: Any) -> Any:
     wanted = (ctypes.c_int * 3)(EGL_CONFIG_ID, number, EGL_NONE)
     egl.eglChooseConfig(display, wanted, ctypes.byref(config), 1, ctypes.byref(count))
     found = xr.GraphicsBindingEGLMNDX()
-    found.get_proc_address = ctypes.cast(egl.eglGetProcAddress, type(found.get_proc_address))
+    _fill(found, get_proc_address=ctypes.cast(egl.eglGetProcAddress, Pointer))
     _fill(found, display=display, config=config, context=context)
     return found
 
@@ -110,6 +119,6 @@ def _wgl(xr: Any) -> Any:
 
 def _fill(structure: Any, **pointers: Pointer) -> None:
     """Set fields whose types are pointers of PyOpenGL's own."""
-    kinds = dict(structure._fields_)
+    kinds: dict[str, Any] = dict(structure._fields_)
     for name, pointer in pointers.items():
         setattr(structure, name, ctypes.cast(pointer, kinds[name]))

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.xr.runtimes import graphics
 from app.xr.runtimes.calls import START, extensions, library, told
+from app.xr.runtimes.face import FACE, Face, sees_faces
 from app.xr.runtimes.gaze import GAZE, Gaze
 from app.xr.runtimes.protocol import NoRuntimeError
 from app.xr.runtimes.session import OpenXrSession
@@ -35,7 +36,7 @@ class OpenXrRuntime:
                 f"--xr: expected a runtime with {' and '.join(missing)}, got one without; "
                 f"try {other}, or another runtime"
             )
-        names = needed + [name for name in (*TIMES, GAZE) if name in have]
+        names = needed + [name for name in (*TIMES, GAZE, FACE) if name in have]
         instance = _instance(names)
         try:
             with told():
@@ -47,8 +48,9 @@ class OpenXrRuntime:
                     self._context = self._context or graphics.open_context(have)
                     binding = graphics.binding(self._context, instance, system)
                 gaze = Gaze(instance) if GAZE in have and _sees_eyes(instance, system) else None
+                face = Face(instance) if FACE in have and sees_faces(instance, system) else None
                 now = XrNow(instance, names, self._clock)
-                return OpenXrSession(instance, system, self._context, binding, now, gaze)
+                return OpenXrSession(instance, system, self._context, binding, now, gaze, face)
         except BaseException:
             with contextlib.suppress(xr.exception.XrException):
                 xr.destroy_instance(instance)

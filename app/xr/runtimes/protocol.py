@@ -61,6 +61,7 @@ class HeadReading:
     xyzw: XYZW
     tracked: bool
     gaze: Vector | None = None  # unit, in the head's own OpenXR axes; None: not tracked
+    face: tuple[float, ...] | None = None  # [70] 0..1 of XR_FB_face_tracking2; None: not tracked
 
 
 class Session(Protocol):
@@ -69,6 +70,11 @@ class Session(Protocol):
     name: str  # of the runtime
     size: tuple[int, int]  # px of an eye's picture, width and height
     context: "GLContext | None"  # in which pictures are drawn; None: poses alone
+
+    @property
+    def state(self) -> str:
+        """As OpenXR names it: idle, ready, synchronized, visible, focused, ..."""
+        ...
 
     @property
     def recentred(self) -> int:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from app.xr.runtimes import graphics
 from app.xr.runtimes.calls import library, told
+from app.xr.runtimes.face import Face
 from app.xr.runtimes.gaze import Gaze
 from app.xr.runtimes.protocol import (
     Eye,
@@ -35,11 +36,13 @@ class OpenXrSession:
         binding: Any,  # of that context
         now: XrNow,
         gaze: Gaze | None,
+        face: Face | None,
     ) -> None:
         xr = self._xr = library()
-        self.context, self._now, self._gaze, self._instance = context, now, gaze, instance
+        self.context, self._now, self._instance = context, now, instance
+        self._gaze, self._face = gaze, face
         self.name, self.size = xr.get_instance_properties(instance).runtime_name.decode(), (0, 0)
-        self.recentred = 0
+        self.state, self.recentred = "idle", 0
         following = ctypes.cast(ctypes.pointer(binding), ctypes.c_void_p) if binding else None
         self._binding = binding  # lives as long as the session
         self._session = xr.create_session(
@@ -52,6 +55,8 @@ class OpenXrSession:
         )
         if gaze is not None:
             gaze.attach(self._session)
+        if face is not None:
+            face.attach(self._session)
         self._chains: list[Any] = []
         self._targets: list[list[moderngl.Framebuffer]] = []
         if context is not None:
@@ -94,7 +99,7 @@ class OpenXrSession:
     def target(self, eye: int) -> "moderngl.Framebuffer":
         xr, chain = self._xr, self._chains[eye]
         with told():
-            index = xr.acquire_swapchain_image(chain, xr.SwapchainImageAcquireInfo())
+            index: int = xr.acquire_swapchain_image(chain, xr.SwapchainImageAcquireInfo())
             self._drawn.append(eye)
             xr.wait_swapchain_image(chain, xr.SwapchainImageWaitInfo(timeout=NS))
         assert self.context is not None
@@ -126,18 +131,18 @@ class OpenXrSession:
         with told():
             found = xr.locate_space(self._view, self._local, xr_time)
             gaze = self._gaze.direction(self._view, xr_time) if self._gaze else None
+            face = self._face.weights(xr_time) if self._face else None
         flags, place, turn = xr.SpaceLocationFlags, found.pose.position, found.pose.orientation
         if not _has(found.location_flags, flags.ORIENTATION_VALID_BIT):
             return None
         tracked = _has(found.location_flags, flags.ORIENTATION_TRACKED_BIT)
-        return HeadReading(
-            now_ns, (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w), tracked, gaze
-        )
+        position, xyzw = (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)
+        return HeadReading(now_ns, position, xyzw, tracked, gaze, face)
 
     def close(self) -> None:
         xr = self._xr
-        for target in [target for targets in self._targets for target in targets]:
-            target.release()
+        if self.context is not None:
+            graphics.release(self.context, [each for targets in self._targets for each in targets])
         with contextlib.suppress(xr.exception.XrException):
             if self._running:
                 xr.request_exit_session(self._session)
@@ -197,10 +202,9 @@ class OpenXrSession:
             self.recentred += 1
         if kind != kinds.EVENT_DATA_SESSION_STATE_CHANGED:
             return
-        changed = ctypes.cast(
-            ctypes.byref(event), ctypes.POINTER(xr.EventDataSessionStateChanged)
-        ).contents
+        changed: Any = xr.EventDataSessionStateChanged.from_buffer_copy(event)
         state, states = xr.SessionState(changed.state), xr.SessionState
+        self.state = state.name.lower()
         if state == states.READY:
             xr.begin_session(self._session, xr.SessionBeginInfo(self._stereo))
             self._running = True

@@ -52,6 +52,7 @@ class StandInRuntime:
         self.focused = True
         self.recentred = 0
         self.gaze: Vector | None = None
+        self.face: tuple[float, ...] | None = None
         self.opened = self.ended_frames = 0
         self.targets: list[moderngl.Framebuffer] = []
         self.eyes: tuple[Eye, Eye] | None = None  # of the newest frame
@@ -80,6 +81,10 @@ class StandInSession:
         self.name, self.size, self.context = "stand-in", runtime.size, runtime.context
         self._runtime, self._clock = runtime, runtime.clock
         self._next_ns = self._clock.now_ns()
+
+    @property
+    def state(self) -> str:
+        return "focused" if self._runtime.focused else "visible"
 
     @property
     def recentred(self) -> int:
@@ -112,7 +117,7 @@ class StandInSession:
     def head(self) -> HeadReading | None:
         self._check()
         now_ns = self._clock.now_ns()
-        return HeadReading(now_ns, *motion(now_ns), True, self._runtime.gaze)
+        return HeadReading(now_ns, *motion(now_ns), True, self._runtime.gaze, self._runtime.face)
 
     def close(self) -> None: ...
 
