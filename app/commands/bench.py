@@ -26,9 +26,9 @@ class Bench:
     faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
     at every border. web: --minutes of sending by every protocol, a page, and hostile clients.
     peers: networks of other papers' shapes against ours, first frame from new sound.
-    xr: stereo frames for a headset, on a stand-in of its runtime."""
+    xr: stereo frames for a headset, on a stand-in of its runtime, and the tick with it."""
     session: Path = Path("recordings/demo")
-    """Session to replay in real time (tick)."""
+    """Session to replay in real time (tick, xr)."""
     avatar: str = "ben"
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
@@ -111,6 +111,9 @@ class Bench:
         return measure_web(self.session, self.avatar, self.minutes)
 
     def _xr(self) -> dict[str, Any]:
-        from app.bench.xr import measure_xr
+        from app.bench.xr.frames import measure_frames
+        from app.bench.xr.ticks import measure_ticks
 
-        return measure_xr(self.avatar)
+        renderer, frames = measure_frames(self.avatar)
+        ticks, thresholds = measure_ticks(self.session, self.avatar)
+        return {"renderer": renderer, "metrics": frames | ticks, "bars": thresholds}

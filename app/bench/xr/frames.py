@@ -1,11 +1,11 @@
-"""A stereo frame of the headset's loop, on the runtime for tests: 1024 x 1024 an eye.
+"""A stereo frame of the headset's loop, on the stand-in runtime: 1024 x 1024 an eye.
 
 Drawn as fast as it goes, from reading the ticks to the last framebuffer: a face that moves, a
 wearer who sways 700 mm before it, as in the headset.
 """
 
 import time
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,8 +20,8 @@ FRAMES, WARM_UP = 90, 10
 SORTS = 50
 
 
-def measure_xr(avatar: str) -> dict[str, Any]:
-    """The report holds metrics, and no threshold."""
+def measure_frames(avatar: str) -> tuple[str, dict[str, float]]:
+    """Name of the renderer, and metrics."""
     from rich.table import Table
     from tqdm import tqdm
 
@@ -49,7 +49,7 @@ def measure_xr(avatar: str) -> dict[str, Any]:
     console().print(table)
     renderer = context.renderer
     context.close()
-    return {"renderer": renderer, "avatar": avatar, "metrics": metrics, "bars": []}
+    return renderer, metrics
 
 
 def _frames_ms(context: "GLContext", scene: "Scene") -> list[float]:

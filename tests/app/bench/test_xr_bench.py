@@ -1,0 +1,19 @@
+"""The bench of a headset, short: what it counts does not depend on speed."""
+
+from pathlib import Path
+
+import pytest
+
+from app.bench.xr import ticks
+
+pytestmark = pytest.mark.slow
+ROOT = Path(__file__).parents[3]
+
+
+def test_ticks_are_measured_with_a_headset_and_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(ticks, "ROUNDS", 1)
+    monkeypatch.setattr(ticks, "SIZE", (48, 32))
+    metrics, thresholds = ticks.measure_ticks(ROOT / "recordings" / "smoke", "ben")
+    assert metrics["off_tick_p50_ms"] > 0 and metrics["on_tick_p50_ms"] > 0
+    assert metrics["on_fps"] > 0 and 0.5 <= metrics["on_share"] <= 1
+    assert [row["name"] for row in thresholds] == ["on_tick_p50_ms", "on_tick_p99_ms", "on_dropped"]
