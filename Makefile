@@ -12,9 +12,9 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
     pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 umockdev chromium \
     festival festvox-us-slt-hts festvox-kallpc16k janus iproute2
 
-.PHONY: setup system demo test check golden coverage bench help
+.PHONY: setup system demo test check check-xr golden coverage bench help
 help:  ## this list
-	@grep -E '^[a-z]+:.*##' Makefile | sed 's/:.*##/\t/'
+	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*##/\t/'
 
 setup: $(VENV)/installed system  ## create .venv and install the locked set and the system's GL libraries
 
@@ -52,6 +52,9 @@ check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/pyright --pythonplatform Windows $(PORTABLE)
 	$(VENV)/bin/pyright --pythonplatform Darwin $(PORTABLE)
 	$(PY) -m pytest -n auto --dist worksteal
+
+check-xr:  ## the headset's process against Monado, in a chroot (root, debootstrap)
+	tests/monado/run
 
 golden: setup  ## bless the golden pictures anew (llvmpipe, clean tree)
 	$(PY) -m pytest tests/render/splats/test_golden.py --update-golden
