@@ -14,22 +14,39 @@ pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parent.parent
 INSIDE = ("encoder/weights/", "render/weights/", "render/shaders/", "app/web/page/")
-# root writes everywhere, unless it gives that up
-UNPRIVILEGED = ["setpriv", "--inh-caps=-all", "--bounding-set=-all"] if os.geteuid() == 0 else []
+NOBODY = 65534
+# root becomes somebody else, who may read the packages of this environment and write nowhere
+ANOTHER = f"setpriv --reuid={NOBODY} --regid={NOBODY} --clear-groups".split()
+ANOTHER += ["--inh-caps=-all,+dac_read_search", "--ambient-caps=-all,+dac_read_search"]
+SDIST = "import sys; from setuptools import build_meta; build_meta.build_sdist(sys.argv[1])"
 
 
 @pytest.fixture(scope="module")
-def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("wheel")
+def sdist(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("sdist")
     source = folder / "source"  # building leaves files beside the source
     for package in ("app", "sensors", "encoder", "render"):
         unwanted = shutil.ignore_patterns("__pycache__")
         shutil.copytree(ROOT / package, source / package, ignore=unwanted)
     for name in ("pyproject.toml", "README.md", "LICENSE", "NOTICE"):
         shutil.copy(ROOT / name, source)
-    words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, source]
+    subprocess.run(
+        [sys.executable, "-c", SDIST, folder], cwd=source, check=True, capture_output=True
+    )
+    return only(folder, "livedrive-*.tar.gz")
+
+
+@pytest.fixture(scope="module")
+def wheel(sdist: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """From the source distribution, which then has all that it takes."""
+    folder = tmp_path_factory.mktemp("wheel")
+    words = ["wheel", "--quiet", "--no-deps", "--no-build-isolation", "--wheel-dir", folder, sdist]
     subprocess.run([sys.executable, "-m", "pip", *words], check=True, capture_output=True)
-    (made,) = folder.glob("livedrive-*.whl")
+    return only(folder, "livedrive-*.whl")
+
+
+def only(folder: Path, pattern: str) -> Path:
+    (made,) = folder.glob(pattern)
     sys.stdout.write(f"\n{made.name}: {made.stat().st_size / 1e6:.1f} MB\n")
     return made
 
@@ -48,7 +65,9 @@ def test_it_holds_all_that_a_run_reads(wheel: Path) -> None:
     assert not [name for name in names if name.startswith(("tests/", "recordings/"))]
 
 
-def test_it_runs_where_nothing_but_the_home_can_be_written(wheel: Path, tmp_path: Path) -> None:
+def test_another_user_runs_it_where_nothing_but_the_home_can_be_written(
+    wheel: Path, tmp_path: Path
+) -> None:
     installed, empty, home = wheel.parent / "installed", tmp_path / "empty", tmp_path / "home"
     words = ["install", "--quiet", "--no-deps", "--target", str(installed), str(wheel)]
     subprocess.run([sys.executable, "-m", "pip", *words], check=True)
@@ -56,12 +75,15 @@ def test_it_runs_where_nothing_but_the_home_can_be_written(wheel: Path, tmp_path
     empty.mkdir()
     for path in (*installed.rglob("*"), installed, empty):
         path.chmod(path.stat().st_mode & ~0o222)
+    other = ANOTHER if os.geteuid() == 0 else []
+    if other:
+        os.chown(home, NOBODY, NOBODY)
     environment = os.environ | {"PYTHONPATH": str(installed), "HOME": str(home)}
 
     def livedrive(*words: str) -> "subprocess.CompletedProcess[str]":
         script = str(installed / "bin" / "livedrive")
         return subprocess.run(
-            [*UNPRIVILEGED, sys.executable, script, *words],
+            [*other, sys.executable, script, *words],
             cwd=empty, env=environment, capture_output=True, text=True, timeout=300,
         )  # fmt: skip
 
