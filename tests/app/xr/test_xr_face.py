@@ -96,10 +96,10 @@ def test_it_comes_with_the_pose_and_is_recorded(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("bad", [SMILE[1:], (np.nan, *SMILE[1:]), (2.0, *SMILE[1:])])
 def test_what_is_no_face_is_refused(tmp_path: Path, bad: tuple[float, ...]) -> None:
-    from sensors.head.gate import Gate
+    from sensors.head.gate import ReadingGate
 
     told = list[str]()
-    gate = Gate("xr", told.append)
+    gate = ReadingGate("xr", told.append)
     assert gate(reading((0, 0, 0), (0, 0, 0, 1), face=bad), NS) is None and gate.counts.bad == 1
     with RecordingWriter(tmp_path / "s", created="now") as writer:
         writer.append(HeadPacket(NS, HeadPose(), face=bad))
