@@ -45,8 +45,14 @@ def run_eye_stage(settings: TrainSettings, run: "RunSettings") -> None:
     elif settings.stage == "eyes":
         from encoder.training.stages import eyes
 
+        start = settings.start / "eyes" if settings.start else None
         config = eyes.preset(
-            settings.preset, pictures=settings.data, output=out / "eyes", run=run, **steps
+            settings.preset,
+            pictures=settings.data,
+            start=start,
+            output=out / "eyes",
+            run=run,
+            **steps,
         )
         eyes.run(config)
     elif settings.stage == "wide-eyes":

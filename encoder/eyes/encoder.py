@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.eyes.conjugate import trust
 from encoder.eyes.format import (
     GAZE_UNIT,
     MIN_SPREAD,
@@ -30,50 +31,11 @@ from sensors.types import InputError
 Array = NDArray[np.float32]
 MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
 SIDES = np.array([[1.0, 1.0], [-1.0, 1.0]], np.float32)  # the same, of x and y
-OPEN = 0.35  # lid opening from which on gaze is seen well
-USUAL_VERGENCE, MAX_VERGENCE = 0.064, 0.16  # of x, right minus left: at 1 m, at 40 cm
-VERGENCE_TRUST = 0.25  # each eye errs by more than vergence varies
-# Of sines by which eyes disagree: up to the first they look at one thing, from the second on each
-# goes its own way, e.g. where one picture is shown to both.
-NEAR, FAR = 0.2, 0.4
 # Doubt in degrees, over time: pictures up to the first are as those that the features were learned
 # of, and so are gaze and lids; from the second on both are what the meter says.
 USUAL_DOUBT, STRANGE_DOUBT = 2.5, 3.2
 DOUBT_SHARE, AWAKE = 1 / 60, 0.5  # of a tick in the doubt; opening from which on it counts
 PAIR_REACH = 0.1  # what both pictures together may correct; twice that is not believed at all
-
-
-def conjugate(
-    xy: Array,  # [2, 2] of both eyes, head frame
-    weight: Array,  # [2] 0..1 how well each eye is seen
-) -> Array:  # [2, 2]
-    """Eyes move together: one direction from both, as high as each other, converging a little."""
-    share = (weight + 1e-3) / (weight + 1e-3).sum()
-    vergence = np.clip(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
-    vergence = USUAL_VERGENCE + VERGENCE_TRUST * weight.min() * vergence
-    half = np.array([[-0.5 * vergence, 0], [0.5 * vergence, 0]], np.float32)
-    middle = (share[:, None] * (xy - half)).sum(0)
-    return (middle + half).astype(np.float32)
-
-
-def trust(lids: Array, score: Array) -> Array:  # [2] each -> [2]
-    """How well each eye is seen, 0..1: one that is shut or doubtful says little."""
-    return (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
-
-
-def joined(
-    gaze: Array,  # [2, 3] unit vectors
-    lids: Array,  # [2] opening
-    score: Array,  # [2]
-) -> Array:  # [2, 3]
-    """Where both eyes look. After calibration: what is personal differs from eye to eye, and a mean
-    of both with changing weights would mix it.
-    """
-    own, weight = gaze[:, :2], trust(lids, score)
-    apart = own[1] - own[0] - np.array([USUAL_VERGENCE, 0], np.float32)
-    agree = np.clip((FAR - np.linalg.norm(apart)) / (FAR - NEAR), 0, 1)
-    share = np.float32(1 - weight.min() * (1 - agree))
-    return unit(own + share * (conjugate(own, weight) - own))
 
 
 SURE, OPEN_LIDS = np.zeros(2, np.float32), np.ones(2, np.float32)
@@ -114,14 +76,23 @@ class EyeReading(NamedTuple):
         return unit(told[:, :2] + self.told_gaze[:, :2] - self.gaze[:, :2])
 
 
+class Told(NamedTuple):
+    """What the encoder's network says of a pair of pictures (encoder/eyes/graph.py)."""
+
+    features: Array  # [2, 80]
+    heads: Array  # [2, 11] gaze, lid, valid, rig
+    relative: Array  # [2, 2]
+    together: Array  # [2, 2]
+
+
 @dataclass(frozen=True, eq=False)
 class EncoderState:
     """A value: what is known of the cameras' pictures."""
 
     framing: FramingState
     doubt: Array  # [2] of the gaze in degrees, over the last seconds; 0: none was seen yet
-    # What both networks said when they were last asked: features, heads; measures.
-    told: tuple[Array, Array] | None = None
+    # What both networks said when they were last asked: `Told`; measures.
+    told: Told | None = None
     measured: Array | None = None
 
     @property
@@ -147,11 +118,10 @@ class EyeEncoder:
         self.config, self.framing = config, EyeFraming(weights)
         self._session = session(eye_model(config, weights))
         self._meter = session(meter_model(config, weights))
-        self._relative = weights["relative"]
-        self._synthesis, self._pair = (
-            [(weights[f"{name}.{i}.weight"].T.copy(), weights[f"{name}.{i}.bias"]) for i in (0, 2)]
-            for name in ("synthesis", "pair")
-        )
+        self._synthesis = [
+            (weights[f"synthesis.{i}.weight"].T.copy(), weights[f"synthesis.{i}.bias"])
+            for i in (0, 2)
+        ]
 
     def __call__(self, eyes: NDArray[np.uint8]) -> EyeReading:  # [2, 400, 400] left, right
         """A first look: the eyes are looked for in these pictures alone."""
@@ -164,21 +134,20 @@ class EyeEncoder:
     ) -> tuple[EyeReading, EncoderState]:
         framed, framing = self.framing.step(eyes, state.framing)
         small, spreads = normalised(framed)
-        features, heads, measures, state = self._asked(small, replace(state, framing=framing))
+        (features, heads, relative, together), measures, state = self._asked(
+            small, replace(state, framing=framing)
+        )
         # an eye that only the framed picture or only the whole one shows is none
         score = np.minimum(_chance(measures[:, 0]), framing.chance)
         flat = spreads < MIN_SPREAD
-        relative = features @ self._relative[:-1] + self._relative[-1]
-        pair = np.concatenate([features, features[::-1]], 1)
-        together = heads[:, :2] + np.float32(GAZE_UNIT) * _through(self._pair, pair)
         doubt = np.degrees(GAZE_UNIT * doubt_of(measures[:, 4])).astype(np.float32)
         state = _with_doubt(state, doubt, measures[:, 1])
         strange = state.strange
         measured = np.float32(GAZE_UNIT) * measures[:, 2:4]
         told_lids = np.clip(heads[:, 2], 0, 1)
         lids = told_lids + strange * (np.clip(measures[:, 1], 0, 1) - told_lids)
-        seen = [xy + strange[:, None] * (measured - xy) for xy in (heads[:, :2], together)]
-        gazes = [unit(xy * SIDES) for xy in (seen[0], relative, seen[1], heads[:, :2])]
+        alone, both = (xy + strange[:, None] * (measured - xy) for xy in (heads[:, :2], together))
+        gazes = unit(np.stack([alone, relative, both, heads[:, :2]]) * SIDES)
         reading = EyeReading(
             features=features,
             gaze=gazes[0],
@@ -195,19 +164,23 @@ class EyeEncoder:
         )
         return reading, state
 
-    def _asked(self, small: Array, state: EncoderState) -> tuple[Array, Array, Array, EncoderState]:
-        """Features, heads and measures; not every tick asks both networks, which would cost twice.
+    def _asked(self, small: Array, state: EncoderState) -> tuple[Told, Array, EncoderState]:
+        """What is told, and measures; not every tick asks both networks, which would cost twice.
 
         Usual pictures are the encoder's: the meter is asked at every fourth tick. Strange ones are
         the meter's: features are asked for at every second, and moved along by what it measures.
         """
-        told, measured, tick = state.told, state.measured, state.framing.tick
-        if told is None or state.strange.min() < 1 or tick % 2 == 0:
-            features, heads = self._session.run(None, {"pixels": small})
-            told = features, heads
-        if measured is None or state.strange.max() > 0 or tick % 4 == 0:
+        told, measured, tick, strange = (
+            state.told,
+            state.measured,
+            state.framing.tick,
+            state.strange,
+        )
+        if told is None or strange.min() < 1 or tick % 2 == 0:
+            told = Told(*self._session.run(None, {"pixels": small}))
+        if measured is None or strange.max() > 0 or tick % 4 == 0:
             (measured,) = self._meter.run(None, {"pixels": small})
-        return told[0], told[1], measured, replace(state, told=told, measured=measured)
+        return told, measured, replace(state, told=told, measured=measured)
 
     def synthesise(
         self,
@@ -219,7 +192,8 @@ class EyeEncoder:
         face[:, :1] = gaze[:, :1] * MIRROR / GAZE_UNIT
         face[:, 1] = gaze[:, 1] / GAZE_UNIT
         face[:, 2] = 1 - lids  # eyeBlink
-        return np.tanh(_through(self._synthesis, face))
+        (first, first_bias), (second, second_bias) = self._synthesis
+        return np.tanh(np.tanh(face @ first + first_bias) @ second + second_bias)
 
 
 def _with_doubt(state: EncoderState, doubt: Array, lids: Array) -> EncoderState:
@@ -230,11 +204,6 @@ def _with_doubt(state: EncoderState, doubt: Array, lids: Array) -> EncoderState:
 
 def _chance(logits: Array) -> Array:
     return (1 / (1 + np.exp(-np.clip(logits, -30, 30)))).astype(np.float32)
-
-
-def _through(layers: list[tuple[Array, Array]], x: Array) -> Array:
-    (first, first_bias), (second, second_bias) = layers
-    return np.tanh(x @ first + first_bias) @ second + second_bias
 
 
 def load_eye_encoder(folder: Path) -> EyeEncoder:

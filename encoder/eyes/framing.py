@@ -107,6 +107,8 @@ class EyeFraming:
         return replace(state, frames=frames, means=means, looks=looks, strayed=strayed)
 
     def _framed(self, eyes: Picture, small: Picture, eye: int, frame: Array) -> Picture:
+        if not frame.any():
+            return small[eye]
         size = float(np.exp(frame[2]))
         view = small[eye]
         if size < 0.7 and eyes.shape[1] >= 2 * SIDE:  # a small eye: from the finer picture

@@ -22,18 +22,34 @@ FINDER_STRIDES = (2, 2, 1, 2, 1)
 
 
 def eye_model(config: EyeNetConfig, weights: Weights) -> ModelProto:
-    """pixels [2, 1, 100, 100] -> features [2, 80], heads [2, 11]: gaze, lid, valid, rig."""
+    """pixels [2, 1, 100, 100] -> features [2, 80], heads [2, 11]: gaze, lid, valid, rig; relative
+    [2, 2] and together [2, 2]: gaze as calibration wants it, and as both pictures show it.
+    """
     g = Graph(bits=None)
     flat = _convolved(g, weights, "", _strides(config))
     features = g.op("Tanh", _spread(g, flat, weights, "project", "spread"))
     scale = np.ones(4 + len(RIG))
     scale[:2] = GAZE_UNIT
     heads = g.linear(features, weights["heads.weight"].T * scale, weights["heads.bias"] * scale)
-    g.rename(features, "features")
-    g.rename(heads, "heads")
+    relative = g.linear(features, weights["relative"][:-1], weights["relative"][-1])
+    other = g.op("Gather", features, g.const(np.array([1, 0])), axis=0)
+    pair = g.op("Concat", features, other, axis=1)
+    for i, scale in ((0, 1.0), (2, GAZE_UNIT)):
+        weight, bias = weights[f"pair.{i}.weight"].T * scale, weights[f"pair.{i}.bias"] * scale
+        pair = g.linear(pair, weight, bias)
+        pair = g.op("Tanh", pair) if i == 0 else pair
+    own = g.op("Gather", heads, g.const(np.array([0, 1])), axis=1)
+    outputs = {"features": features, "heads": heads, "relative": relative}
+    for name, value in (outputs | {"together": g.op("Add", own, pair)}).items():
+        g.rename(value, name)
     return g.model(
         {"pixels": [2, 1, SIDE, SIDE]},
-        {"features": [2, config.features], "heads": [2, 4 + len(RIG)]},
+        {
+            "features": [2, config.features],
+            "heads": [2, 4 + len(RIG)],
+            "relative": [2, 2],
+            "together": [2, 2],
+        },
     )
 
 

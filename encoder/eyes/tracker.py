@@ -16,12 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.eyes.calibration import EyeCalibration
+from encoder.eyes.conjugate import joined
 from encoder.eyes.encoder import (
     MIRROR,
     EncoderState,
     EyeEncoder,
     EyeReading,
-    joined,
     new_encoder_state,
 )
 from encoder.eyes.fading import (

@@ -103,7 +103,7 @@ def _on_real(folder: Path, settings: EyesSettings) -> "Metrics":
 
 def _draw_sheets(encoder: "EyeEncoder", clips: "Sequence[EyeClip]", folder: Path) -> None:
     from app.eval.eyes.sheets import sheet
-    from encoder.eyes.encoder import joined
+    from encoder.eyes.conjugate import joined
 
     pictures, rows = list[Any](), list[Any]()
     for clip in clips:

@@ -57,7 +57,8 @@ def read(
 def encoder_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> Metrics:
     """Gaze, lids, blinks and validity on clips of unseen wearers."""
     from encoder.evaluation.eye_metrics import NO_BLINKS, angle_deg, compare_blinks, shut_frames
-    from encoder.eyes.encoder import joined, new_encoder_state
+    from encoder.eyes.conjugate import joined
+    from encoder.eyes.encoder import new_encoder_state
 
     plain, own = list[NDArray[np.float64]](), list[NDArray[np.float64]]()
     lid_errors, valid = list[Floats](), list[NDArray[np.bool_]]()

@@ -8,6 +8,7 @@ stage "wide-eyes" goes on from here.
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -34,6 +35,7 @@ class EyesConfig:
     pictures: Path  # folder with eyes_*.npz
     output: Path  # checkpoint, without suffix
     run: loop.RunSettings
+    start: Path | None = None  # checkpoint to go on from, without suffix; its finder and meter stay
     net: EyeNetConfig = NETS["default"]
     steps: int = 12_000
     batch: int = 64
@@ -100,7 +102,7 @@ def run(config: EyesConfig) -> dict[str, float]:
     pictures = EyePictures.load(config.pictures)
     held_out = pictures.subject % TEST_SHARE == TEST_SHARE - 1
     train, test = pictures.where(~held_out), pictures.where(held_out)
-    net = EyeNet(config.net)
+    net, wide = started(config)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
         return losses(net, train, rng.integers(len(train.lids) // 2, size=config.batch // 4))
@@ -115,15 +117,28 @@ def run(config: EyesConfig) -> dict[str, float]:
         metrics |= judge(net, test)
     card = {
         "kind": "eyes",
-        "config": asdict(config.net),
+        "config": asdict(net.config),
         "data": {"rendered eyes": "made by rules"},
         "truth": TRUTH,
         "steps": config.steps,
         "pictures": len(train.lids),
+        **wide,
         **config.run.card(metrics, curve),
     }
     checkpoint.save(config.output, loop.halved(net.state_dict()), card)
     return metrics
+
+
+def started(config: EyesConfig) -> tuple[EyeNet, dict[str, Any]]:
+    """The network to train, and what the card says of the parts that are not."""
+    if config.start is None:
+        return EyeNet(config.net), {}
+    tensors, card = checkpoint.load(config.start, "eyes")
+    net = EyeNet(checkpoint.config_from(EyeNetConfig, card["config"]))
+    net.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
+    for part in (net.finder, net.meter):
+        part.requires_grad_(False)
+    return net, {"started_from": card["sha256"]} | {k: card[k] for k in ("wide",) if k in card}
 
 
 @torch.no_grad()

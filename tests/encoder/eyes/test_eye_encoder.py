@@ -11,11 +11,9 @@ import pytest
 import torch
 from eye_material import drawn_eye, encoder, net
 
+from encoder.eyes.conjugate import USUAL_VERGENCE, conjugate, joined
 from encoder.eyes.encoder import (
-    USUAL_VERGENCE,
     EyeEncoder,
-    conjugate,
-    joined,
     load_eye_encoder,
     new_encoder_state,
 )

@@ -7,7 +7,8 @@ import pytest
 from eye_material import encoder, graph, looks
 
 from encoder.eyes.calibration import EyeCalibration
-from encoder.eyes.encoder import EyeReading, joined
+from encoder.eyes.conjugate import joined
+from encoder.eyes.encoder import EyeReading
 from encoder.eyes.fading import FADE_FRAMES, ShownEyes
 from encoder.eyes.format import unit
 from encoder.eyes.gaze_graph import build

@@ -84,6 +84,19 @@ def test_stage_writes_and_resumes(folder: Path, tmp_path: Path) -> None:
     assert np.isfinite(reading.features).all()
 
 
+def test_going_on_keeps_what_finds_and_measures_eyes(folder: Path, tmp_path: Path) -> None:
+    run = loop.RunSettings(state=tmp_path / "state")
+    first = eyes.preset("debug", pictures=folder, output=tmp_path / "first", run=run)
+    eyes.run(first)
+    begun, card = checkpoint.load(tmp_path / "first", "eyes")
+    eyes.run(replace(first, start=first.output, output=tmp_path / "next", net=PRESETS["default"]))
+    after, about = checkpoint.load(tmp_path / "next", "eyes")
+    assert about["started_from"] == card["sha256"] and about["config"] == card["config"]
+    kept = {name for name in begun if np.array_equal(begun[name], after[name])}
+    others = {name for name in begun if name.startswith(("finder.", "meter."))}
+    assert others <= kept and "project.weight" not in kept
+
+
 def test_learns_drawn_eyes(folder: Path) -> None:
     """Gaze and lid of a handful of pictures, without distortions."""
     torch.manual_seed(0)
