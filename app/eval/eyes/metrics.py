@@ -193,7 +193,7 @@ def loss_metrics(
     every: int = 13,
 ) -> Metrics:
     """Kill an eye, or both, at many frames: largest jumps against normal ones, and the way back."""
-    from encoder.eyes.encoder import OPEN
+    from encoder.eyes.conjugate import OPEN
     from encoder.eyes.gaze_graph import STRIDE
     from encoder.eyes.gaze_statistics import step_deg
     from encoder.offline import drive_clip
