@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from render.avatars import lashes, textures
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
-from render.decoder.beard import joined
+from render.decoder.beard import Beard, joined
 from render.training.data import people
 from render.training.data.face_data import SKIN_VERTICES
 from render.training.data.people import Skin
@@ -17,7 +17,7 @@ from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
-from render.training.look import brows, clothes
+from render.training.look import brows, clothes, hairline, lids
 from render.training.look.brows import Brows
 from render.types import Floats
 
@@ -124,7 +124,8 @@ def make(
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
     who = maker.identity(name, dressed, wardrobe.texture(person), recipe.eye, cover)
-    albedo = beard.stubble(assembly, maker, who.albedo, recipe.stubble, recipe.tint, rng)
+    albedo = calm_eyes(maker, who)
+    albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     strands = [
         lashes.grow(maker.posing, who.rest, maker.skin, recipe.lashes),
@@ -136,6 +137,7 @@ def make(
     if recipe.beard:
         own = np.random.default_rng((recipe.seed, 1))
         strands.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
+        albedo = bearded(assembly, maker, vertices, albedo, strands[-1], recipe.tint)
     who = replace(who, beard=joined(strands))
     if worn is not None:
         under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
@@ -149,7 +151,12 @@ def make(
         cap[:SKIN_VERTICES] = worn.cap
         between = np.maximum(cap[maker.surface.used], 0.8 * under)
         floor = between * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
-        who = replace(who, visibility=np.maximum(who.visibility, floor), hair=grown)
+        visible = np.maximum(who.visibility, floor)
+        used = vertices[maker.surface.used]
+        visible = hairline.shaded(visible, used, grown.means)
+        root = np.array(recipe.tint, np.float32) * SCALP
+        albedo = hairline.rooted(albedo, maker.surface.interpolate @ used, grown.means, root)
+        who = replace(who, visibility=visible, hair=grown)
     elif recipe.style == BUZZ:
         with np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False) as z:
             cap = z["scalp_cap"].astype(np.float32)
@@ -165,6 +172,32 @@ def make(
         gloss=gloss,
         opacity_factors=clothes.faded(face.neutral, maker.surface, who.opacity_factors),
     )
+
+
+def calm_eyes(maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
+    """The albedo without blots in the corners of the eyes."""
+    posing, head = maker.posing, maker.surface
+    on_eye = np.isin(head.used, np.concatenate(posing.eyeballs)).astype(np.float32)
+    skin = head.interpolate @ on_eye < 0.01
+    edges = [who.geometry[np.concatenate([e.upper, e.lower])] for e in posing.lid_lines]
+    return lids.calmed(who.albedo, head.interpolate @ who.geometry[head.used], skin, edges)
+
+
+def bearded(
+    assembly: Assembly,
+    maker: Maker,
+    vertices: Floats,  # [V, 3] mm at rest
+    albedo: Floats,  # [N, 3]
+    strands: Beard,
+    tint: tuple[float, float, float],
+) -> Floats:  # [N, 3]
+    """Roots show under a beard, and not on the lips."""
+    head, middles = maker.surface, np.zeros((len(strands), 3), np.float32)
+    strands.attach(vertices, middles, np.zeros((len(strands), 4), np.float32))
+    root, points = np.array(tint, np.float32) * SCALP, head.interpolate @ vertices[head.used]
+    dyed = hairline.rooted(albedo, points, middles, root, hairline.BEARD_MM2)
+    where = beard.where(assembly, maker)[:, None]
+    return (albedo + where * (dyed - albedo)).astype(np.float32)
 
 
 def scalp(

@@ -56,6 +56,14 @@ def area(assembly: Assembly, used: NDArray[np.int32], cheeks: float = 1.0) -> Fl
     return soft.astype(np.float32)
 
 
+def where(assembly: Assembly, maker: Maker) -> Floats:  # [N]
+    """How far each Gaussian is on skin where a beard grows."""
+    mask = maker.surface.interpolate @ area(assembly, maker.surface.used)
+    kinds = assembly.kinds[maker.anchor_triangles]
+    mask[kinds != mesh_parts.SKIN] = 0
+    return mask.astype(np.float32)
+
+
 def stubble(
     assembly: Assembly,
     maker: Maker,
@@ -67,12 +75,10 @@ def stubble(
     """Darker skin in grains as large as a Gaussian."""
     if strength == 0:
         return albedo
-    mask = maker.surface.interpolate @ area(assembly, maker.surface.used)
-    kinds = assembly.kinds[maker.anchor_triangles]
-    mask[kinds != mesh_parts.SKIN] = 0
+    mask = where(assembly, maker)
     grain = np.clip(0.85 + 0.22 * rng.standard_normal(len(mask)), 0.3, 1.3)
     cover = np.clip(0.5 * strength * mask * grain, 0, 0.9)[:, None].astype(np.float32)
-    return albedo + cover * (np.array(tint, np.float32) * 0.9 - albedo)
+    return (albedo + cover * (np.array(tint, np.float32) * 0.9 - albedo)).astype(np.float32)
 
 
 def grow(

@@ -1,0 +1,39 @@
+"""What hair does to the skin beside it: roots show between strands, and shade it from behind."""
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from render.types import Floats
+
+NEAR_MM = 5.0  # of strands that are counted around a place
+STRAND_MM2, BEARD_MM2 = 5.0, 2.4  # of skin that one Gaussian of a strand hides
+ROOTS = 0.9  # share of the roots' colour where strands are dense
+BULK = 6  # strands: so many near each other are hair, fewer are loose ends
+SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
+SHADE = 0.9  # share of the light of both rims that the hair keeps off
+
+
+def rooted(
+    albedo: Floats,  # [n, 3] stored
+    points: Floats,  # [n, 3] mm
+    hair: Floats,  # [h, 3] mm, middles of its Gaussians
+    root: Floats,  # [3] or [n, 3] stored colour
+    strand_mm2: float = STRAND_MM2,
+) -> Floats:  # [n, 3]
+    """Skin in the colour of the roots, as far as strands lie over it: sideburns are no stripes."""
+    near = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
+    cover = 1 - np.exp(-np.asarray(near) * strand_mm2 / (np.pi * NEAR_MM**2))
+    return (albedo + ROOTS * cover[:, None] * (root - albedo)).astype(np.float32)
+
+
+def shaded(
+    visibility: Floats,  # [4, n] of sky, key light and rims
+    points: Floats,  # [n, 3] mm
+    hair: Floats,  # [h, 3] mm
+) -> Floats:  # [4, n]
+    """Less of the rims, which shine from behind, beside hair: it stands in their way."""
+    apart = np.asarray(KDTree(hair).query(points, k=BULK)[0])[:, -1]
+    near = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
+    out = visibility.copy()
+    out[2:] *= (1 - SHADE * near * near * (3 - 2 * near)).astype(np.float32)
+    return out

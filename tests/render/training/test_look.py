@@ -1,0 +1,46 @@
+"""How people are made to look: skin beside hair, around eyes."""
+
+import numpy as np
+
+from render.training.look import hairline, lids
+
+SKIN = np.array([0.7, 0.5, 0.4], np.float32)
+ROOT = np.array([0.1, 0.1, 0.1], np.float32)
+
+
+def test_skin_under_strands_has_the_colour_of_roots() -> None:
+    hair = np.random.default_rng(0).uniform(-4, 4, (200, 3)).astype(np.float32)
+    points = np.array([[0, 0, 0], [7, 0, 0], [30, 0, 0]], np.float32)
+    under, edge, far = hairline.rooted(np.tile(SKIN, (3, 1)), points, hair, ROOT)
+    np.testing.assert_allclose(under, SKIN + hairline.ROOTS * (ROOT - SKIN), atol=1e-3)
+    np.testing.assert_array_equal(far, SKIN)
+    assert (edge < SKIN).all() and (edge > under).all()
+
+
+def test_hair_keeps_light_from_behind_off_the_skin_beside_it() -> None:
+    hair = np.zeros((50, 3), np.float32)
+    points = np.array([[3, 0, 0], [11, 0, 0], [40, 0, 0]], np.float32)
+    seen = np.full((4, 3), 0.8, np.float32)
+    out = hairline.shaded(seen, points, hair)
+    np.testing.assert_array_equal(out[:2], seen[:2])
+    np.testing.assert_allclose(out[2:, 0], 0.8 * (1 - hairline.SHADE), rtol=1e-5)
+    assert (out[2:, 0] < out[2:, 1]).all() and (out[2:, 1] < 0.8).all()
+    np.testing.assert_array_equal(out[:, 2], seen[:, 2])
+    stray = hairline.shaded(seen, points, np.array([[3, 0, 0], *[[90, 0, 0]] * 9], np.float32))
+    np.testing.assert_array_equal(stray, seen)  # one loose hair casts no shadow
+
+
+def test_corners_of_the_eyes_have_the_hue_of_the_skin_and_stay_as_bright() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-20, 20, (3000, 3)).astype(np.float32) * (1, 1, 0)
+    edge = np.zeros((1, 3), np.float32)
+    near = np.linalg.norm(points, axis=1) < 3
+    albedo = np.tile(SKIN, (3000, 1))
+    albedo[near] = (0.8, 0.3, 0.3)
+    is_skin = points[:, 0] < 2.5  # the rest is eyeball
+    out = lids.calmed(albedo, points, is_skin, [edge])
+    changed = near & is_skin
+    np.testing.assert_allclose(out[changed].sum(1), albedo[changed].sum(1), rtol=1e-5)
+    red = out[changed, 0] / out[changed, 1]
+    np.testing.assert_allclose(red, lids.MOST * SKIN[0] / SKIN[1], rtol=1e-5)
+    np.testing.assert_allclose(out[~changed], albedo[~changed], rtol=1e-5)
