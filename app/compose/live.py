@@ -79,12 +79,8 @@ def _microphone(name: str | None, clock: Clock, page: "WebSink | None") -> "Live
     return Microphone(name, clock)
 
 
-def open_page(
-    settings: DriveSettings,
-    clock: Clock,
-    seats: str | None = None,  # handle of a call's seats
-) -> "WebSink | None":
-    """Start the server of the page, where `--web` asks for one."""
+def open_page(settings: DriveSettings, clock: Clock, seats: str | None = None) -> "WebSink | None":
+    """Start the page's server where `--web` is given; `seats`: the handle of a call's seats."""
     network = settings.network
     if network.web is None:
         return None
@@ -104,12 +100,8 @@ def open_page(
     return WebSink(info, clock)
 
 
-def open_xr(
-    settings: DriveSettings,
-    clock: Clock,
-    seats: str | None = None,  # handle of a call's seats
-) -> "XrSink | None":
-    """Start the headset's process, where `--xr` asks for one."""
+def open_xr(settings: DriveSettings, clock: Clock, seats: str | None = None) -> "XrSink | None":
+    """Start the headset's process where `--xr` is given; `seats`: the handle of a call's seats."""
     if settings.xr is None:
         return None
     from app.xr.link import XrInfo

@@ -4,6 +4,7 @@ In a report `metrics` maps names to values, `bars` is the list of thresholds.
 """
 
 import json
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,15 @@ def at_least(name: str, value: float, limit: float) -> dict[str, Any]:
 
 def at_most(name: str, value: float, limit: float) -> dict[str, Any]:
     return {"name": name, "value": round(value, 3), "bar": f"<= {limit}", "ok": value <= limit}
+
+
+def print_metrics(metrics: Mapping[str, float], missing: Iterable[str]) -> None:
+    """The metrics that stand in no table (their names have no "/"), and the rows left out."""
+    for name, value in metrics.items():
+        if "/" not in name:
+            print(f"{name:40s} {value:.3f}")
+    for name in missing:
+        print(f"not trained, row left out: {name}")
 
 
 def finish(report: dict[str, Any], path: Path | None) -> None:

@@ -22,7 +22,7 @@ def evaluate(data: Path, settings: EmotionSettings) -> None:
     from app.eval.emotion import live as emotion_live
     from app.eval.emotion import metrics as emotion_metrics
     from app.eval.emotion import pictures as emotion_pictures
-    from app.terminal.thresholds import finish
+    from app.terminal.thresholds import finish, print_metrics
 
     evaluated = emotion_metrics.EmotionEvaluation(data, settings)
     tables: dict[str, dict[str, Metrics]] = {}
@@ -38,11 +38,7 @@ def evaluate(data: Path, settings: EmotionSettings) -> None:
         for row, metrics in rows.items()
         for name, value in metrics.items()
     }
-    for name, value in metrics.items():
-        if "/" not in name:
-            print(f"{name:40s} {value:.3f}")
-    for name in evaluated.missing:
-        print(f"not trained, row left out: {name}")
+    print_metrics(metrics, evaluated.missing)
     if settings.pictures:
         for path in emotion_pictures.save(settings.pictures, evaluated, confusions):
             print(f"wrote {path}")

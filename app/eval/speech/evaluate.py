@@ -48,7 +48,7 @@ class SpeechSettings:
 def evaluate(data: Path, settings: SpeechSettings) -> None:
     """Print tables and thresholds; exit with status 1 where one fails. `data`: folder that
     `livedrive capture` made; the teacher and ablations are looked for in it."""
-    from app.terminal.thresholds import finish
+    from app.terminal.thresholds import finish, print_metrics
 
     evaluated = SpeechEvaluation(data, settings)
     tables = evaluated.tables()
@@ -60,11 +60,7 @@ def evaluate(data: Path, settings: SpeechSettings) -> None:
         for name, value in metrics.items()
     }
     show(tables)
-    for name, value in metrics.items():
-        if "/" not in name:
-            print(f"{name:36s} {value:.3f}")
-    for name in evaluated.missing:
-        print(f"not trained, row left out: {name}")
+    print_metrics(metrics, evaluated.missing)
     if settings.plots:
         for path in evaluated.save_plots(settings.plots):
             print(f"wrote {path}")

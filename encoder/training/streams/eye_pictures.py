@@ -6,6 +6,7 @@ memory. The truth is rule-made: the capture stage drew these pictures from it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -42,17 +43,12 @@ class EyePictures:
                 f"eye pictures {folder}: expected files eyes_*.npz, got none; "
                 f"run `livedrive capture {folder} --eye-pairs 40000`"
             )
-        parts: list[dict[str, np.ndarray]] = []
-        for path in paths:
-            with np.load(path, allow_pickle=False) as data:
-                missing = [name for name in ARRAYS if name not in data]
-                if missing or data["pictures"].shape[1:] != (2, SIDE, SIDE):
-                    raise InputError(
-                        f"eye pictures {path}: expected {', '.join(ARRAYS)} with pictures "
-                        f"[n, 2, {SIDE}, {SIDE}], got another (missing: {missing}); capture again"
-                    )
-                parts.append({name: data[name] for name in ARRAYS})
-        rows = {name: np.concatenate([part[name] for part in parts]) for name in ARRAYS}
+        rows = read_shards(paths, ARRAYS)
+        if rows["pictures"].shape[1:] != (2, SIDE, SIDE):
+            raise InputError(
+                f"eye pictures {folder}: expected pictures [n, 2, {SIDE}, {SIDE}], got "
+                f"{list(rows['pictures'].shape)}; capture again"
+            )
         gaze = rows["gaze"][..., :2].astype(np.float32)
         gaze[:, 1, 0] *= -1  # the right eye becomes a left one
         return EyePictures(
@@ -66,6 +62,29 @@ class EyePictures:
     def where(self, chosen: np.ndarray) -> EyePictures:  # [n] bool
         arrays = (self.pictures, self.gaze, self.lids, self.rig, self.subject)
         return EyePictures(*(array[chosen] for array in arrays))
+
+
+def read_shards(paths: Sequence[Path], names: Sequence[str]) -> dict[str, np.ndarray]:
+    """The named arrays of all files, joined along the first axis.
+
+    Raises InputError at a file that lacks one or has one of another shape than the first file.
+    """
+    parts: list[dict[str, np.ndarray]] = []
+    for path in paths:
+        with np.load(path, allow_pickle=False) as data:
+            if missing := [name for name in names if name not in data]:
+                raise InputError(
+                    f"eye pictures {path}: expected {', '.join(names)}, got none of "
+                    f"{', '.join(missing)}; capture again"
+                )
+            parts.append({name: data[name] for name in names})
+        for name, array in parts[-1].items():
+            if array.shape[1:] != parts[0][name].shape[1:]:
+                raise InputError(
+                    f"eye pictures {path}: expected {name} [n, *{parts[0][name].shape[1:]}] as in "
+                    f"{paths[0].name}, got {list(array.shape)}; capture again"
+                )
+    return {name: np.concatenate([part[name] for part in parts]) for name in names}
 
 
 def save_pairs(

@@ -18,7 +18,7 @@ from torch.nn import functional
 
 from encoder.eyes.format import SIDE
 from encoder.training.streams import camera_windows as cameras
-from encoder.training.streams.eye_pictures import no_eyes, standard
+from encoder.training.streams.eye_pictures import no_eyes, read_shards, standard
 from encoder.training.streams.strange_light import strange
 from sensors.types import InputError
 
@@ -53,16 +53,7 @@ class WidePictures:
                 f"eye pictures {folder}: expected wide_*.npz and no_eyes.npz, got {len(paths)} and "
                 f"{int(none.is_file())}; run `livedrive capture {folder} --wide-eyes 12000`"
             )
-        parts: list[dict[str, np.ndarray]] = []
-        for path in paths:
-            with np.load(path, allow_pickle=False) as data:
-                if missing := [name for name in names if name not in data]:
-                    raise InputError(
-                        f"eye pictures {path}: expected {', '.join(names)}, got none of "
-                        f"{', '.join(missing)}; capture again"
-                    )
-                parts.append({name: data[name] for name in names})
-        rows = {name: np.concatenate([part[name] for part in parts]) for name in names}
+        rows = read_shards(paths, names)
         with np.load(none, allow_pickle=False) as data:
             return WidePictures(**rows, no_eyes=data["pictures"])
 

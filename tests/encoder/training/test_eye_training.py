@@ -11,7 +11,7 @@ import torch
 from eye_material import drawn_eye
 
 from encoder.eyes.encoder import load_eye_encoder
-from encoder.eyes.format import PRESETS, normalised, pixels
+from encoder.eyes.format import PRESETS, RIG, SIDE, normalised, pixels
 from encoder.eyes.network import EyeNet
 from encoder.nn import checkpoint
 from encoder.training import loop
@@ -66,6 +66,12 @@ def test_missing_and_odd_pictures_are_one_line(tmp_path: Path) -> None:
         EyePictures.load(tmp_path)
     np.savez(tmp_path / "eyes_0.npz", pictures=np.zeros((1, 2, 5, 5)))
     with pytest.raises(InputError, match="capture again"):
+        EyePictures.load(tmp_path)
+    shapes = {"pictures": (1, 2, SIDE, SIDE), "gaze": (1, 2, 3), "lids": (1, 2), "subject": (1,)}
+    arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
+    np.savez(tmp_path / "eyes_0.npz", **arrays, rig=np.zeros((1, 2, len(RIG))))
+    np.savez(tmp_path / "eyes_1.npz", **arrays, rig=np.zeros((1, 2, len(RIG) + 1)))
+    with pytest.raises(InputError, match=r"eyes_1.npz: expected rig"):
         EyePictures.load(tmp_path)
 
 
