@@ -60,11 +60,17 @@ def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
 
 
 def lower_priority(niceness: int) -> None:
-    """Let the tick go first. On Windows: below normal, whatever the niceness."""
+    """Let the tick go first: all threads of this process, also those of libraries that it has
+    started already. On Windows: below normal, whatever the niceness."""
     if sys.platform == "win32":
         import psutil
 
         psutil.Process().nice(psutil.BELOW_NORMAL_PRIORITY_CLASS)
+    elif sys.platform == "linux":  # where each thread has a niceness of its own
+        for thread in map(int, os.listdir("/proc/self/task")):
+            with contextlib.suppress(ProcessLookupError):  # it has just ended
+                before = os.getpriority(os.PRIO_PROCESS, thread)
+                os.setpriority(os.PRIO_PROCESS, thread, before + niceness)
     else:
         os.nice(niceness)
 

@@ -1,5 +1,6 @@
 """What crosses between processes: packets whole and in order, memory by either way."""
 
+import os
 import subprocess
 import sys
 import threading
@@ -131,3 +132,18 @@ def test_named_memory_leaves_no_word_at_the_end_of_a_process() -> None:
     )
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "0\n", "")
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere a niceness is a process's")
+def test_threads_of_libraries_go_after_the_tick_too() -> None:
+    script = (
+        "import os, threading; from app.process.child import lower_priority\n"
+        "threading.Thread(target=threading.Event().wait, daemon=True).start()\n"
+        "lower_priority(3)\n"
+        "ids = [int(thread) for thread in os.listdir('/proc/self/task')]\n"
+        "print(*(os.getpriority(os.PRIO_PROCESS, number) for number in ids))\n"
+    )
+    before = os.getpriority(os.PRIO_PROCESS, 0)
+    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    threads = done.stdout.split()
+    assert len(threads) > 1 and set(threads) == {str(min(before + 3, 19))}, done.stderr
