@@ -15,7 +15,7 @@ from render.types import Density
 
 @dataclass(kw_only=True)
 class ListAvatars:
-    """Name the avatars."""
+    """List the avatars' names."""
 
     def run(self) -> None:
         from render.decoder import identity
@@ -26,25 +26,26 @@ class ListAvatars:
 
 @dataclass(kw_only=True)
 class ShowAvatar:
-    """Draw one avatar: neutral, smile, jaw open, blink, gaze, profile."""
+    """Draw pictures of an avatar."""
 
     name: Positional[str]
-    """An avatar, "all" for a sheet of everyone, or a static head: FILE.ply."""
+    """Name of an avatar, "all" for a sheet of all, or FILE.ply with a static head."""
     picture: Path
     """PNG or JPEG to write."""
     size: int = 512
     """Width and height of each view, in pixels."""
     sheet: Sheet = "poses"
-    """Which pictures: one portrait, four lights, or six poses, views, words, eyes or moods."""
+    """What to draw: one portrait, four lights, or six poses, views, sounds, gazes or moods."""
     light: Light = "studio"
+    """Lighting."""
     traverse: bool = False
-    """Instead: draws from the prior, and its widest dimensions from -2 to 2 deviations."""
+    """Instead: random draws from the prior, and its main dimensions from -2 to 2 deviations."""
     background: str = "grey"
-    """Behind the head: grey, white, green, transparent or #rrggbb."""
+    """Background: grey, white, green, transparent or #rrggbb."""
     gaussians: Density = "32k"
-    """On the head, without its hair."""
+    """Gaussians of the head without hair."""
     stereo: bool = False
-    """Both eyes of someone before the head, side by side, the left eye's picture on the left."""
+    """The views of both eyes of an onlooker side by side, the left eye's on the left."""
 
     def run(self) -> None:
         from app.avatars.pictures import PictureSettings, save_picture
@@ -64,17 +65,20 @@ class ShowAvatar:
 
 @dataclass(kw_only=True)
 class TurnAvatar:
-    """Film an avatar from all sides, once around."""
+    """Make a video that goes once around an avatar."""
 
     name: Positional[str]
+    """Name of an avatar."""
     video: Positional[Path]
     """.mp4, .mkv or .mov to write."""
     size: int = 512
-    """Width and height in pixels; even."""
+    """Width and height in pixels, an even number."""
     seconds: float = 6.0
+    """Length of the video."""
     light: Light = "studio"
+    """Lighting."""
     gaussians: Density = "65k"
-    """On the head, without its hair."""
+    """Gaussians of the head without hair."""
 
     def run(self) -> None:
         from app.avatars.pictures import save_turn
@@ -85,9 +89,10 @@ class TurnAvatar:
 
 @dataclass(kw_only=True)
 class CreateAvatar:
-    """Make an avatar of a person from their mean geometry and mean texture."""
+    """Make an avatar of a person from the geometry and texture of a neutral face."""
 
     name: Positional[str]
+    """Name of the new avatar."""
     geometry: Path
     """npz with `vertices` [26719, 3], or OBJ, in the topology of the face data; mm, cm or m."""
     texture: Path
@@ -95,13 +100,13 @@ class CreateAvatar:
     eye: str = "brown"
     """Colour of the eyes: blue, brown, brownlight, green or grey."""
     hair: Name = None
-    """Avatar whose hair is worn; bald without."""
+    """Avatar to take the hair from; default: bald."""
     beard: Name = None
-    """Avatar whose beard is worn; shaven without."""
+    """Avatar to take the beard from; default: shaven."""
     out: File = None
-    """Folder to write to; default: your avatars, which --avatar NAME finds."""
+    """Folder to write to; default: that of your avatars, where --avatar NAME looks."""
     replace: bool = False
-    """Replace an avatar of yours that has this name."""
+    """Replace an avatar of yours with this name."""
 
     def run(self) -> None:
         from app.avatars.create import AvatarParts, create
@@ -125,8 +130,11 @@ class ExportAvatar:
     """Write one posed head as PLY, for any viewer of Gaussian splats."""
 
     name: Positional[str]
+    """Name of an avatar."""
     ply: Positional[Path]
+    """File to write."""
     pose: Pose = "neutral"
+    """Expression."""
 
     def run(self) -> None:
         from app.avatars.pictures import posed
@@ -139,7 +147,7 @@ class ExportAvatar:
 
 @dataclass(kw_only=True)
 class Avatar:
-    """Avatars: list | show | turn | create | export."""
+    """List, draw and make avatars: list | show | turn | create | export."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[ListAvatars, subcommand("list")]

@@ -16,35 +16,37 @@ What = Literal[
 
 @dataclass(kw_only=True)
 class Bench:
-    """Measure latency, CPU time and memory against the thresholds of this project."""
+    """Measure latency, CPU time and memory against this project's thresholds."""
 
     what: Positional[What] = "tick"
-    """tick: every stage, at the pace of a live run. render: the splat renderer against two others.
-    pictures: thousands of them, to see that nothing leaks. sensors: delays and recording, with
-    stand-ins for microphone and cameras. soak: all at once for --minutes (voice, eyes, head,
-    window, page, sends, a recording), and its replay.
-    faults: every way in which a sensor fails, --times each. fuzz: --num damaged inputs
-    at every border. web: --minutes of sending by every protocol, a page, and hostile clients.
-    peers: networks of other papers' shapes against ours, first frame from new sound.
-    xr: stereo frames for a headset, on a stand-in of its runtime, and the tick with it."""
+    """tick: all stages at the pace of a live run. render: the splat renderer against two others.
+    pictures: memory over thousands of pictures. sensors: delays and recording with stand-ins for
+    microphone and cameras. soak: everything at once for --minutes (voice, eyes, head, window,
+    page, sending, recording), then the replay. faults: every failure of a sensor, --times each.
+    fuzz: --num damaged inputs to every reader. web: --minutes of sending by every protocol, with
+    a page and hostile clients. peers: networks with the shapes of other papers against ours, time
+    to the first frame of new sound. xr: stereo frames for a headset with a stand-in for its
+    runtime, and the tick beside it."""
     session: Path = Path("recordings/demo")
     """Session to replay in real time (tick, xr)."""
     avatar: str = "ben"
+    """Avatar to drive."""
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where the networks run."""
     minutes: float = 20.0
-    """How long the sensors run (soak), or ticks are sent (web)."""
+    """Length of the run (soak, web)."""
     times: int = 20
-    """How often each fault happens (faults)."""
+    """How often to cause each fault (faults)."""
     num: int = 100_000
-    """How many damaged inputs (fuzz)."""
+    """Number of damaged inputs (fuzz)."""
     processes: int = 1
-    """That share them (fuzz)."""
+    """Processes that share the work (fuzz)."""
     keep: File = None
-    """Folder for what is done and what escaped: the same command goes on there (fuzz)."""
+    """Folder for progress and findings; the same command continues from there (fuzz)."""
     seed: int = 0
-    """Of the damage (fuzz), of untrained weights (peers)."""
+    """Seed of the damage (fuzz) or of the untrained weights (peers)."""
     report: File = None
     """Write the metrics as JSON."""
 

@@ -1,4 +1,4 @@
-"""`livedrive calibrate`: ten seconds in which the eyes are told apart from the average."""
+"""`livedrive calibrate`: a routine of ten seconds that fits gaze and lids to one person."""
 
 from dataclasses import dataclass
 from typing import Annotated
@@ -11,9 +11,9 @@ from sensors.types import InputError
 
 @dataclass(kw_only=True)
 class Calibrate:
-    """Look at five points, blink and close: fits gaze and lids to you; `run` then uses it.
+    """Fit gaze and lids to you: look at five points, blink, close your eyes. `run` uses the fit.
 
-    What was fitted before is kept beside it; --undo takes it back.
+    The previous fit is kept beside the new one; --undo restores it.
     """
 
     eyes: Annotated[tuple[str, ...], tyro.conf.arg(metavar="SPEC ...")] = ()
@@ -21,9 +21,9 @@ class Calibrate:
     session: File = None
     """Instead of cameras: a session recorded while following the targets."""
     out: File = None
-    """File to write; default: your profile."""
+    """File to write; default: your profile, which `run` reads."""
     undo: bool = False
-    """Go back to what was before the last calibration; once more: forward again."""
+    """Restore the fit before the last calibration; a second --undo takes that back."""
 
     def run(self) -> None:
         from app.compose import calibrate
@@ -40,7 +40,7 @@ class Calibrate:
             )
         if self.undo:
             back = kept.undo(path)
-            print(f"{path.resolve()} is as it was before" if back else "no calibration is used")
+            print(f"{path.resolve()} is as it was before" if back else "no calibration is in use")
             return
         session = self.session
         takes = (

@@ -21,40 +21,44 @@ class Capture:
     """Make training data, or look at it."""
 
     words: Positional[tuple[str, ...]]
-    """DIR to make a data set; or inspect, statistics, calibrate or session, and DIR."""
+    """DIR: make a data set there. inspect DIR: draw a clip. statistics DIR, calibrate DIR: compare
+    it with real speech and motion. session DIR: make a session of --text."""
     preset: Literal["debug", "default", "full"] = "default"
+    """How much to make."""
     subjects: Number = None
-    """Rule-made subjects; default: as the preset."""
+    """Number of rule-made subjects, instead of the preset's."""
     hours: Amount = None
-    """Hours of the rule-made subjects together; default: as the preset."""
+    """Hours of all rule-made subjects together, instead of the preset's."""
     eyes: int = 0
-    """Pairs of eye pictures to render beside the curves, e.g. 40000."""
+    """Pairs of eye pictures to render, e.g. 40000."""
     wide_eyes: int = 0
-    """Pairs in headsets of all kinds, for `train wide-eyes`, e.g. 12000."""
+    """Pairs of eye pictures from headsets of all kinds, for `train wide-eyes`, e.g. 12000."""
     speech: File = None
     """Folder of real speech with a transcripts.tsv, e.g. of LibriSpeech."""
     mocap: File = None
-    """Folder of tracked faces."""
+    """Folder of tracked faces with sound, see recordings/README.md."""
     takes: File = None
     """Folder of your own NAME.wav with NAME.csv (Live Link Face)."""
     seed: int = 0
+    """Seed of everything that is drawn at random."""
     processes: int = 2
+    """Processes that share the work."""
     picture: File = None
     """inspect, statistics, calibrate: write a picture, e.g. p.png."""
     report: File = None
     """statistics, calibrate: write the metrics, e.g. r.json."""
     subject: Name = None
-    """inspect: whose clip; default: the first."""
+    """inspect: subject of the clip; default: the first."""
     clip: int = 0
-    """inspect: which clip of the subject."""
+    """inspect: number of the subject's clip."""
     video: File = None
     """inspect: also write the clip as a video, e.g. clip.mp4."""
     text: tuple[str, ...] = ()
-    """session: sentences to say."""
+    """session: sentences to speak."""
     voice: str = "slt"
-    """session: flite voice slt, rms, awb or kal16."""
+    """session: Flite voice: slt, rms, awb or kal16."""
     avatar: str = "ben"
-    """inspect, session: whose face."""
+    """inspect, session: avatar to draw."""
     seconds: Amount = None
     """session: cut to this length."""
 

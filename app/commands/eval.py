@@ -16,10 +16,10 @@ from app.eval.speech.evaluate import SpeechSettings
 
 @dataclass(kw_only=True)
 class EvalSpeech:
-    """Judge the audio encoder, teacher and student on held-out clips, silence and noise."""
+    """Evaluate audio encoder, teacher and student on held-out clips, silence and noise."""
 
     data: Positional[Path]
-    """Data that `livedrive capture` made; the teacher and ablations are looked for in it."""
+    """Data by `livedrive capture`; teacher and ablations are read from it, too."""
     settings: OmitArgPrefixes[SpeechSettings] = field(default_factory=SpeechSettings)
 
     def run(self) -> None:
@@ -33,7 +33,7 @@ class EvalSpeech:
 
 @dataclass(kw_only=True)
 class EvalEyes:
-    """Judge gaze, lids, blinks, lost cameras and the upper face."""
+    """Evaluate gaze, lids, blinks, lost cameras and the upper face."""
 
     settings: OmitArgPrefixes[EyesSettings] = field(default_factory=EyesSettings)
 
@@ -45,7 +45,7 @@ class EvalEyes:
 
 @dataclass(kw_only=True)
 class EvalHead:
-    """Measure how alive the head is: its motion, brows, blinks and breath over a session."""
+    """Measure how lively the head is: motion, brows, blinks and breath over a session."""
 
     settings: OmitArgPrefixes[HeadSettings] = field(default_factory=HeadSettings)
 
@@ -57,10 +57,10 @@ class EvalHead:
 
 @dataclass(kw_only=True)
 class EvalEmotion:
-    """Judge emotions on held-out subjects: recognised, in sync, smooth."""
+    """Evaluate emotions on held-out subjects: recognised, in sync, smooth."""
 
     data: Positional[Path]
-    """Data that `livedrive capture` made; the ablations are looked for in it."""
+    """Data by `livedrive capture`; ablations are read from it, too."""
     settings: OmitArgPrefixes[EmotionSettings] = field(default_factory=EmotionSettings)
 
     def run(self) -> None:
@@ -71,16 +71,18 @@ class EvalEmotion:
 
 @dataclass(kw_only=True)
 class EvalAb:
-    """Write a page that shows pairs of videos side by side and asks which is better."""
+    """Make a page for an A/B test: pairs of videos side by side, which is better?"""
 
     a: Positional[Path]
     """Folder of videos of the first method."""
     b: Positional[Path]
-    """Folder of videos of the second; pairs have the same file name."""
+    """Folder of videos of the second; a pair has the same file name."""
     out: Path = Path("ab.html")
+    """Page to write."""
     seed: int = 0
+    """Seed of the order and of the sides."""
     count: tuple[Path, ...] = ()
-    """Votes that the page saved: print the share of each method instead."""
+    """Instead: count the votes in these files, which the page saved."""
 
     def run(self) -> None:
         from app.eval import ab
@@ -93,7 +95,7 @@ class EvalAb:
 
 @dataclass(kw_only=True)
 class EvalPrior:
-    """Judge decoder and identity encoder on held-out people, expressions and views."""
+    """Evaluate decoder and identity encoder on held-out people, expressions and views."""
 
     settings: OmitArgPrefixes[PriorSettings] = field(default_factory=PriorSettings)
 
@@ -105,7 +107,7 @@ class EvalPrior:
 
 @dataclass(kw_only=True)
 class Eval:
-    """Judge the trained networks: speech | eyes | head | emotion | ab | prior."""
+    """Evaluate what was trained: speech | eyes | head | emotion | ab | prior."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[EvalSpeech, subcommand("speech")]

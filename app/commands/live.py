@@ -10,7 +10,7 @@ import tyro
 
 from app.commands.options import DriveOptions
 from app.compose.settings import DriveSettings, LiveSettings
-from app.terminal.arguments import Amount
+from app.terminal.arguments import Amount, optional
 from sensors.cameras import table
 from sensors.head import spec as heads
 from sensors.types import InputError
@@ -21,11 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(kw_only=True)
 class LiveOptions:
-    """Options of the commands that listen and look."""
+    """Options of the commands that read the sensors."""
 
-    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none|web")] = None
-    """Microphone, or a part of its name; none for silence; web for that of the --web page.
-    See: livedrive devices."""
+    mic: Annotated[str | None, optional("NAME|none|web")] = None
+    """Microphone: its name or part of it, see livedrive devices; none: silence; web: that of the
+    --web page."""
     eyes: Annotated[
         tuple[str, ...],
         tyro.conf.arg(
@@ -39,12 +39,12 @@ class LiveOptions:
         tyro.conf.arg(
             metavar="SPEC|still|synth|auto",
             help=f"Where the head's pose comes from: {heads.HELP}; xr: the headset of --xr; web: "
-            "one at the --web page; synth: from speech; still: no motion of its own; auto: a "
-            "headset, else synth.",
+            "one at the --web page; synth: made from speech; still: none; auto: a headset if there "
+            "is one, else synth.",
         ),
     ] = "auto"
     seconds: Amount = None
-    """End by itself after so much sound."""
+    """Stop after this much sound."""
 
     def live_settings(self) -> LiveSettings:
         return LiveSettings(mic=self.mic, eyes=self.eyes, head=self.head, seconds=self.seconds)
@@ -58,7 +58,7 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
     """Open no window."""
 
     def live_drive_settings(self, title: str) -> DriveSettings:
-        """All options as settings; there is a window unless the run is headless."""
+        """All options as settings; without --headless there is a window."""
         if self.headless and self.window:
             raise InputError("window: expected --headless or --window, got both; give one")
         self.window = not self.headless

@@ -14,7 +14,7 @@ from app.compose.settings import (
 )
 from app.sinks import table
 from app.terminal import confirm
-from app.terminal.arguments import File
+from app.terminal.arguments import File, Port, optional
 from render.types import Density
 from sensors.types import InputError
 
@@ -28,48 +28,48 @@ class DriveOptions:
     pictures: File = None
     """Write PNG pictures into this folder."""
     every: int = 30
-    """Frames from one picture, PLY or glTF to the next."""
+    """Write every n-th frame as picture, PLY or glTF."""
     motion: File = None
     """Write codes, gaze, blendshapes and vertices, e.g. out.npz."""
     arkit: File = None
     """Write a Live Link Face table, e.g. out.csv."""
     ply: File = None
-    """Write the Gaussians of every n-th frame into this folder, as PLY."""
+    """Write the Gaussians into this folder as PLY files."""
     gltf: File = None
-    """Write the Gaussians of every n-th frame into this folder, as glTF."""
+    """Write the Gaussians into this folder as glTF files."""
     report: File = None
     """Write timings and settings, e.g. out.json."""
     window: bool = False
-    """Show the head in a window; F1 there lists the keys."""
+    """Show the head in a window; F1 lists its keys."""
     xr: Annotated[
         tuple[Literal["auto", "headless"], ...] | None,
-        tyro.conf.arg(
-            metavar="[auto|headless]",
-            help="Show the head life-size in an OpenXR headset, which turns it; headless: the "
-            "headset's poses alone, while another program owns the display.",
+        optional(
+            "[auto|headless]",
+            "Show the head life-size in an OpenXR headset and follow its pose; headless: follow "
+            "the pose only, while another program uses the display.",
         ),
     ] = None
-    virtual_camera: Annotated[str | None, tyro.conf.arg(metavar="DEVICE|auto")] = None
-    """Be a webcam for video calls: a v4l2loopback device like /dev/video10, or auto."""
+    virtual_camera: Annotated[str | None, optional("DEVICE|auto")] = None
+    """Act as a webcam for video calls: a v4l2loopback device like /dev/video10, or auto."""
     background: str = "studio"
-    """Behind the head: studio, grey, white, green, transparent or #rrggbb."""
+    """Background: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
-    """Who is driven: a name of livedrive avatar list, or FILE.safetensors."""
+    """Avatar to drive: a name from livedrive avatar list, or FILE.safetensors."""
     gaussians: Density = "32k"
-    """On the head, without its hair; fewer for a slower computer or a phone at --web."""
-    emotion: Annotated[str | None, tyro.conf.arg(metavar="NAME[:INTENSITY]")] = None
-    """What the face shows beside speech: happy, sad:0.7, happy:0.5+surprised:0.3, neutral.
-    A replay shows what was recorded unless this is given."""
+    """Gaussians of the head without hair; fewer for a slow computer or a phone at --web."""
+    emotion: Annotated[str | None, optional("NAME[:INTENSITY]")] = None
+    """Emotion that the face shows while speaking: happy, sad:0.7, happy:0.5+surprised:0.3,
+    neutral. A replay shows the recorded one unless this is given."""
     clip: File = None
-    """Folder of a CLIP model, to understand other words for --emotion."""
-    listen: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
-    """UDP port on this machine for OSC messages /livedrive/emotion happy:0.7."""
+    """Folder of a CLIP model; with it, --emotion understands other words, too."""
+    listen: Port = None
+    """UDP port on this machine for OSC messages such as /livedrive/emotion happy:0.7."""
     condition: Literal["auto", "gaze", "eyes"] = "auto"
-    """What drives the upper face: synthesised gaze, or the eye cameras; auto: whatever there is."""
+    """What drives the upper face: synthesised gaze or the eye cameras; auto: cameras if any."""
     size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
     """Width and height of the picture, in pixels."""
     seed: int = 0
-    """Seed of the diffusion noise and of the gaze."""
+    """Seed of the diffusion noise and of the synthesised gaze."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where the networks run."""
     send: Annotated[
@@ -78,14 +78,15 @@ class DriveOptions:
     ] = ()
     gains: File = None
     """JSON of gains and limits for --send: {"jawOpen": {"gain": 1.4, "low": 0, "high": 0.9}}."""
-    web: Annotated[int | None, tyro.conf.arg(metavar="PORT")] = None
-    """Serve a page with the live head, also for a headset, e.g. --web 8443."""
+    web: Port = None
+    """Serve a web page with the live head, for browsers and headsets, e.g. --web 8443."""
     host: str = "127.0.0.1"
-    """Address for --web; beyond this machine (0.0.0.0: everywhere) it is https with a token."""
+    """Address that --web listens on; other than on this machine alone (0.0.0.0: all networks) it
+    uses https and a token."""
 
     @property
     def xr_mode(self) -> XrMode | None:
-        """The word after --xr; auto where there is none."""
+        """What follows --xr; auto if nothing does."""
         if self.xr is None:
             return None
         if len(self.xr) > 1:
@@ -102,7 +103,7 @@ class DriveOptions:
         web_microphone: bool = False,
         web_head: bool = False,
     ) -> DriveSettings:
-        """These options as settings; raises InputError where they cannot be used."""
+        """These options as settings; raises InputError if they cannot be used."""
         confirm.overwriting(
             [self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf, self.report]
         )

@@ -12,6 +12,7 @@ from tyro.conf import Positional
 from app.commands.live import LiveOptions, ends_on_signals
 from app.compose.live import live_source, open_poses, open_recorder, tell
 from app.compose.settings import LiveSettings
+from app.terminal.arguments import optional
 from sensors.head import spec as heads
 from sensors.types import NS, Clock, InputError
 
@@ -28,13 +29,13 @@ class Record(LiveOptions):
 
     folder: Positional[Path]
     """Folder to create."""
-    mic: Annotated[str | None, tyro.conf.arg(metavar="NAME|none")] = None
-    """Microphone, or a part of its name; none for silence. See: livedrive devices."""
+    mic: Annotated[str | None, optional("NAME|none")] = None
+    """Microphone: its name or part of it, see livedrive devices; none: silence."""
     head: Annotated[
-        str, tyro.conf.arg(metavar="SPEC|still", help=f"A tracker of the head: {heads.HELP}.")
+        str, tyro.conf.arg(metavar="SPEC|still", help=f"Head tracker: {heads.HELP}.")
     ] = "still"
     xr: bool = False
-    """Record an OpenXR headset: its pose, and where it has them gaze and face. It shows nothing."""
+    """Record an OpenXR headset's pose, and gaze and face where it tracks them; it shows nothing."""
 
     def live_settings(self) -> LiveSettings:
         settings = super().live_settings()

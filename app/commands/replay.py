@@ -15,24 +15,24 @@ from sensors.types import InputError
 if TYPE_CHECKING:
     from sensors.session.playback import Playback
 
-KEYS = "p pauses and goes on, j SECONDS jumps there, q ends; then Enter"
+KEYS = "p: pause or go on, j SECONDS: jump there, q: quit; then Enter"
 
 
 @dataclass(kw_only=True)
 class Replay(DriveOptions):
     """Drive the head from a recorded session.
 
-    With --web it begins when somebody opens the page, goes on over and over, and takes keys.
+    With --web it starts when somebody opens the page, repeats, and takes keys.
     """
 
     session: tyro.conf.Positional[Path]
     """Folder of the session, e.g. recordings/demo."""
     fast: bool = False
-    """As fast as the machine can (the default)."""
+    """As fast as this machine can (the default)."""
     head: Literal["auto", "synth", "still"] = "auto"
-    """What moves the head: auto (as recorded, else from speech), synth (from speech), still."""
+    """Head motion: auto (as recorded, else from speech), synth (from speech) or still."""
     realtime: bool = False
-    """At the pace of the recording; late pictures are dropped, steps never."""
+    """At the pace of the recording; every frame is computed, late ones are not drawn."""
 
     def run(self) -> None:
         shown = self.window or self.xr is not None

@@ -11,11 +11,11 @@ from app.terminal.arguments import File
 class Run(LiveDriveOptions):
     """Drive the head from the microphone and the eye cameras.
 
-    Options that you always give can stand in ~/.config/livedrive/run.toml, e.g. mic = "Beyond".
+    Options that you always use can go into ~/.config/livedrive/run.toml, e.g. mic = "Beyond".
     """
 
     record: File = None
-    """Record a session into this folder, to be replayed to the same codes."""
+    """Record a session into this folder; a replay of it gives the same codes."""
 
     def run(self) -> None:
         settings = self.live_drive_settings("live")

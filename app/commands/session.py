@@ -11,7 +11,7 @@ from typing import Annotated, Literal
 import tyro
 from tyro.conf import Positional, subcommand
 
-from app.terminal.arguments import File
+from app.terminal.arguments import File, optional
 
 
 @contextmanager
@@ -31,13 +31,13 @@ class CreateSession:
     folder: Positional[Path]
     """Folder to create."""
     audio: File = None
-    """A wav, flac, ogg, mp3, m4a, ... or the sound of a video; it becomes 48 kHz mono."""
+    """Sound file (wav, flac, ogg, mp3, m4a, ...) or video with sound; stored as 48 kHz mono."""
     livelink: File = None
-    """Live Link Face CSV that began with the sound: kept beside it as motion.npz."""
+    """Live Link Face CSV that starts with the sound; stored beside it as motion.npz."""
     eyes: tuple[Path, ...] = ()
-    """Videos of the left and of the right eye, or one that shows both side by side."""
+    """Videos of the left and the right eye, or one with both side by side."""
     codec: str = "ffv1"
-    """ffv1 (lossless) or x264 (small)."""
+    """Codec of the eye videos: ffv1 (lossless) or x264 (small)."""
 
     def run(self) -> None:
         import tempfile
@@ -75,9 +75,10 @@ class CreateSession:
 
 @dataclass(kw_only=True)
 class SessionInfo:
-    """Show what a session holds."""
+    """Print what a session holds."""
 
     folder: Positional[Path]
+    """Folder of the session."""
 
     def run(self) -> None:
         from sensors.session import files as session
@@ -90,9 +91,11 @@ class ExportSession:
     """Write both eyes side by side with the sound as one video."""
 
     folder: Positional[Path]
+    """Folder of the session."""
     out: Positional[Path]
-    drop: Literal["audio", "eyes"] | None = None
-    """Leave the voice or the eyes out."""
+    """Video to write, e.g. out.mp4."""
+    drop: Annotated[Literal["audio", "eyes"] | None, optional("audio|eyes")] = None
+    """Leave out the sound or the eyes."""
 
     def run(self) -> None:
         from app.terminal import confirm
@@ -106,7 +109,7 @@ class ExportSession:
 
 @dataclass(kw_only=True)
 class Session:
-    """Sessions as files: create | info | export."""
+    """Make, inspect and export sessions: create | info | export."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[CreateSession, subcommand("create")]

@@ -12,50 +12,54 @@ from app.train.settings import Preset, Stage, TrainSettings, Variant
 
 @dataclass(kw_only=True)
 class Train:
-    """Train one stage; each resumes with --resume and stops safely on Ctrl-C.
+    """Train one stage; Ctrl-C stops it safely, --resume continues.
 
-    Order: audio, diffusion, distill, contact (shuts the student's lips); then gaze (a graph), eyes,
-    multimodal; emotion; listen (the whole chain hears phones too), and contact again. On several
-    GPUs or machines start it with torchrun.
+    Order: audio, diffusion, distill, contact (closes the student's lips); then gaze (a graph),
+    eyes, multimodal; emotion; listen (the whole chain also hears phones), and contact again.
+    Start it with torchrun on several GPUs or machines.
     """
 
     stage: Positional[Stage]
+    """What to train; `prior` is the Gaussian head, the others are networks of the encoder."""
     preset: Preset = "default"
+    """Sizes and steps: debug (seconds), default (what ships) or paper."""
     variant: Variant = "none"
-    """An ablation of the paper, kept in its own folder of the data: `centred` audio encoder,
-    `offline` teacher with full attention, regression with a `lookahead` of 5 frames, losses left
-    out or jitter not normalised; emotion by `fine-tune` of every weight without L_lip, or with
-    it, or without L_lip alone."""
+    """An ablation of the paper, kept in a folder of its own under --data: a `centred` audio
+    encoder, an `offline` teacher with full attention, regression with a `lookahead` of 5 frames,
+    a loss left out (`no-...`), jitter not normalised (`plain-jitter`), or, for emotion, all
+    weights trained instead of the added layer (`fine-tune`, `fine-tune-lip` with L_lip)."""
     leave_out: tuple[str, ...] = ()
-    """diffusion, distill, listen, contact: talkers whose motion is not learned from, e.g. grid-s2;
-    weights go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
+    """diffusion, distill, listen, contact: talkers to keep out of training, e.g. grid-s2; weights
+    go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
     teacher: File = None
-    """audio: the viseme network's ONNX file, which teaches of voices without text."""
+    """audio: ONNX file of a viseme network, the teacher on recordings without a transcript."""
     phones: File = None
-    """listen: folder of a phonetic encoder that `train audio --out` wrote; default: the shipped."""
+    """listen: folder of a phonetic encoder by `train audio --out`; default: the shipped one."""
     resume: bool = False
-    """Go on from the last state of this run."""
+    """Continue from the last saved state."""
     start: File = None
-    """Folder with weights of the same shapes to start from; listen: with the chain to extend;
-    contact and emotion: with the student to extend; emotion: and with convolutions to go on from
-    where it has some."""
+    """Folder of weights to start from, of the same shapes; listen: of the chain to extend;
+    contact, emotion: of the student to extend, and, if it has any, of the convolutions."""
     steps: Number = None
-    """Instead of the preset's."""
+    """Training steps, instead of the preset's."""
     face: Path = Path("face")
     """prior: folder of the face data."""
     take: File = None
-    """prior: a Live Link Face table; its first part is learned from, the rest is held out."""
+    """prior: a Live Link Face table: training uses its first part, the rest is held out."""
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
     stream_minutes: Amount = None
-    """Minutes of sound that a stage after audio learns from, instead of its own."""
+    """Minutes of sound for the stages after audio, instead of the stage's default."""
     out: File = None
-    """Where weights go; default: beside the code, where the app looks for them."""
+    """Folder for the weights; default: beside the code, where the app looks for them."""
     seed: int = 0
+    """Seed of the first weights, of batches and noise."""
     device: Literal["cpu", "cuda"] = "cpu"
+    """Where to train."""
     precision: Literal["float32", "bfloat16"] = "float32"
+    """Of the forward and backward pass; weights stay float32."""
     compile: bool = False
-    """Fuse kernels first (minutes); pays on a GPU."""
+    """Compile the networks first: takes minutes, pays off on a GPU."""
 
     def run(self) -> None:
         if self.stage == "prior":

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from app.terminal.arguments import File
 from sensors import files
 
 
@@ -19,15 +20,17 @@ class PriorSettings:
 
     face: Path = Path("face")
     """Folder of the face data."""
-    take: Path | None = None
-    """A Live Link Face table: real expressions and the round trip of weights."""
+    take: File = None
+    """A Live Link Face table: adds real expressions and a round trip of its weights."""
     people: int = 8
+    """Held-out people."""
     expressions: int = 3
-    """Expressions of each person, one view each."""
+    """Expressions of each person, each from one view."""
     seed: int = 0
-    picture: Path | None = None
-    """Write the errors on the face as PNG: truth, Gaussians, four times the difference."""
-    report: Path | None = None
+    """Seed of whatever is drawn at random."""
+    picture: File = None
+    """PNG to write: truth, Gaussians and four times the difference."""
+    report: File = None
     """Write the metrics as JSON."""
 
 

@@ -13,7 +13,7 @@ from tyro.conf import Positional, subcommand
 from app.commands.live import LiveDriveOptions, ends_on_signals
 from app.commands.meet.server import Server, Test
 from app.compose.call import SoundSettings, Switch
-from app.terminal.arguments import File
+from app.terminal.arguments import File, optional
 from sensors import files
 from sensors.types import InputError
 
@@ -32,21 +32,22 @@ class CallOptions(LiveDriveOptions):
     """What both ends of a call share: all of `livedrive run`, and the call itself."""
 
     name: str = ""
-    """What others see; default: the user's name here."""
-    speaker: Annotated[str | None, tyro.conf.arg(metavar="NAME|none")] = None
-    """Where the others are heard; default: the system's output."""
+    """Name that the others see; default: your user name."""
+    speaker: Annotated[str | None, optional("NAME|none")] = None
+    """Where you hear the others; default: the system's output."""
     echo: Switch = "auto"
-    """Cancel the echo of the loudspeaker; auto: unless it is worn."""
+    """Cancel the loudspeaker's echo; auto: unless you wear headphones."""
     noise: Switch = "auto"
-    """Take noise out of the microphone; auto: as with the echo."""
+    """Suppress noise in the microphone; auto: as for --echo."""
     accept: bool = False
-    """Accept who holds the invite without being asked."""
+    """Accept whoever has the invite without asking you."""
     ice: Annotated[tuple[str, ...], tyro.conf.arg(metavar="URL ...")] = ()
-    """stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, where a direct line is not to be had."""
+    """STUN or TURN servers for when no direct line is possible: stun:HOST:PORT or
+    turn:NAME:PASSWORD@HOST:PORT."""
     offer_avatar: bool = False
-    """Offer the avatar's file, 1 MB at most, to those who agree to take it."""
+    """Offer your avatar's file (1 MB at most) to the others, who may accept it."""
     record: File = None
-    """Record this end into this folder, once everybody has agreed."""
+    """Record this end into this folder once everybody has agreed."""
 
     def settings_of_call(self) -> "CallSettings":
         raise NotImplementedError
@@ -92,21 +93,21 @@ class CallOptions(LiveDriveOptions):
             raise KeyboardInterrupt
 
     def opened(self, link: "CallLink", clock: Any) -> None:
-        """What is told before the first frame."""
+        """Print what to know before the first frame."""
 
 
 @dataclass(kw_only=True)
 class Host(CallOptions):
-    """Open a call and print the invite to it."""
+    """Open a call and print its invite."""
 
     port: int = 0
-    """To listen at; 0: any that is free."""
+    """Port to listen on; 0: any free one."""
     address: str = ""
-    """Of this machine, as others reach it; default: found out."""
+    """Address under which others reach this machine; default: found automatically."""
     room: str = ""
     """Open a room of 2 to 8 people on a Janus server."""
     server: str = ""
-    """That server: ws://HOST:PORT or wss://HOST:PORT."""
+    """The Janus server: ws://HOST:PORT or wss://HOST:PORT."""
     key: File = None
     """File with the server's key, as `livedrive call server` wrote it."""
 
@@ -136,10 +137,10 @@ class Host(CallOptions):
 
 @dataclass(kw_only=True)
 class Join(CallOptions):
-    """Take part in a call."""
+    """Join a call."""
 
     invite: Positional[str]
-    """As `livedrive call host` printed it."""
+    """The invite that `livedrive call host` printed."""
 
     def settings_of_call(self) -> "CallSettings":
         from app.call.live.protocol import CallSettings
@@ -161,7 +162,7 @@ class Join(CallOptions):
 
 
 def listen_to_keys(link: "CallLink", stop: Any) -> None:
-    """Lines of the terminal become consent; a thread, as reading waits."""
+    """Consent typed in the terminal is read in a thread, as reading blocks."""
 
     def read() -> None:
         for line in sys.stdin:
@@ -185,7 +186,7 @@ def listen_to_keys(link: "CallLink", stop: Any) -> None:
 
 @dataclass(kw_only=True)
 class Call:
-    """Meet other people as driven heads: host | join | server | test."""
+    """Video calls with driven heads: host | join | server | test."""
 
     action: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Host, subcommand("host")]

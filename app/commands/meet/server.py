@@ -13,17 +13,18 @@ from sensors.types import InputError
 
 @dataclass(kw_only=True)
 class Server:
-    """Run a Janus server for rooms, until Ctrl-C; Janus is a program of its own."""
+    """Run a Janus server for rooms until Ctrl-C; Janus is to be installed separately."""
 
     folder: Positional[Path]
-    """Its configuration, its key and its log; made where there is none."""
+    """Folder for its configuration, key and log; created if missing."""
     host: str = "127.0.0.1"
-    """Address to listen at; beyond this machine it is TLS."""
+    """Address to listen on; other than on this machine alone it uses TLS."""
     port: int = 8188
+    """Port to listen on."""
     address: str = ""
-    """Address that a router passes on to this machine."""
+    """Public address, if a router forwards one to this machine."""
     media: str = "20000-20400"
-    """UDP ports of the media."""
+    """UDP ports for sound and motion."""
 
     def run(self) -> None:
         import secrets
@@ -65,18 +66,18 @@ class Server:
 
 @dataclass(kw_only=True)
 class Test:
-    """Run both ends on this machine over four lossy lines, or people in a room, and judge it."""
+    """Measure calls on this machine: two ends over four lossy lines, or several in a room."""
 
     session: Path = Path("recordings/demo")
-    """What both say and show."""
+    """Session that both ends say and show."""
     seconds: float = 20.0
-    """Of each line."""
+    """Length of each call."""
     lines: tuple[int, ...] = (0, 1, 2, 3)
-    """Which lines: 0 clean, 1 with 1 %% loss, 2 with 5 %%, 3 in bursts."""
+    """Lines to try: 0 clean, 1 with 1 % loss, 2 with 5 %, 3 with loss in bursts."""
     room: int = 0
-    """Instead: so many people on a Janus server that ends and comes back, one with 5 %% loss."""
+    """Instead: so many people in a room whose Janus server is restarted, one with 5 % loss."""
     report: File = None
-    """Write the figures as JSON."""
+    """Write the metrics as JSON."""
 
     def run(self) -> None:
         from app.call.trial.room import RoomSettings, metrics_of, run_room

@@ -1,7 +1,8 @@
 """What `livedrive eval emotion` is asked to do, and the names of its rows."""
 
 from dataclasses import dataclass
-from pathlib import Path
+
+from app.terminal.arguments import File
 
 # rows: trained models, and the neutral one's lips in the rules' style (see laid_over)
 FINE_TUNED, SHIPPED, RULES = "fine-tuned", "zero convolutions", "rules over neutral"
@@ -9,17 +10,19 @@ FINE_TUNED, SHIPPED, RULES = "fine-tuned", "zero convolutions", "rules over neut
 
 @dataclass(frozen=True, kw_only=True)
 class EmotionSettings:
-    """Judge emotions on held-out subjects: recognised, in sync, smooth."""
+    """Evaluate emotions on held-out subjects: recognised, in sync, smooth."""
 
-    weights: Path | None = None
-    """Folder with audio, student and emotion; default: the shipped ones."""
+    weights: File = None
+    """Folder with weights of audio encoder, student and emotions; default: the shipped ones."""
     segments: int = 40
-    """Most neutral takes (of each the first 200 frames) and 100-frame segments of real voices."""
+    """At most so many neutral takes (200 frames of each) and 100-frame segments of real voices."""
     samples: int = 2
-    """Draws of each."""
+    """Samples drawn for each."""
     avatar: str = "ben"
+    """Avatar to measure on."""
     seed: int = 0
-    report: Path | None = None
+    """Seed of whatever is drawn at random."""
+    report: File = None
     """Write the metrics as JSON."""
-    pictures: Path | None = None
-    """Folder for pictures: emotions x frames, confusion tables."""
+    pictures: File = None
+    """Folder for pictures: frames of every emotion, confusion tables."""

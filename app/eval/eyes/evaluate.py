@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.terminal.arguments import File
+
 if TYPE_CHECKING:
     from app.eval.eyes.clips import EyeClip
     from app.eval.eyes.metrics import Metrics
@@ -21,22 +23,24 @@ WALK_MINUTES = 60.0
 
 @dataclass(frozen=True, kw_only=True)
 class EyesSettings:
-    """Judge gaze, lids, blinks, lost cameras and the upper face."""
+    """Evaluate gaze, lids, blinks, lost cameras and the upper face."""
 
     clips: int = 24
-    """Rendered clips, each of another wearer: fewer, and a single odd eye moves the medians; 0:
-    only real videos."""
+    """Rendered clips, each of another wearer (with few of them one odd eye moves the medians);
+    0: real videos only."""
     seconds: float = 3.0
-    """Length of a clip."""
-    real: Path | None = None
-    """Folder with real near-eye videos, and `labels.json` or clips that the shipped labels name."""
-    sheet: Path | None = None
-    """Write sheets of eye pictures with predicted gaze and lid into this folder."""
+    """Length of a rendered clip."""
+    real: File = None
+    """Folder of real near-eye videos, with a labels.json or file names that shipped labels know."""
+    sheet: File = None
+    """Folder for sheets of eye pictures with predicted gaze and lid."""
     avatar: str = "ben"
-    weights: Path | None = None
+    """Avatar to measure on."""
+    weights: File = None
     """Folder with weights; default: the shipped ones."""
     seed: int = 0
-    report: Path | None = None
+    """Seed of whatever is drawn at random."""
+    report: File = None
     """Write the metrics as JSON."""
 
 

@@ -16,33 +16,38 @@ if TYPE_CHECKING:
     from encoder.evaluation.rows import Row, Segment
 
 
+from app.terminal.arguments import File
+
+
 @dataclass(frozen=True, kw_only=True)
 class SpeechSettings:
-    """Judge the audio encoder, teacher and student on held-out clips, silence and noise."""
+    """Evaluate audio encoder, teacher and student on held-out clips, silence and noise."""
 
-    weights: Path | None = None
-    """Folder with audio and student; default: the shipped ones."""
-    speech: Path | None = None
-    """Also a folder of speech recordings that were not used in training."""
+    weights: File = None
+    """Folder with the weights of audio encoder and student; default: the shipped ones."""
+    speech: File = None
+    """Folder of further speech recordings, not used in training."""
     every: int = 1
-    """Use every n-th of those recordings."""
+    """Use only every n-th of them."""
     samples: int = 5
-    """Draws of each row (the paper: 5)."""
+    """Samples drawn for each row (the paper: 5)."""
     segments: int = 24
-    """Most 100-frame segments of each kind of clip."""
+    """At most so many segments of 100 frames of each kind of clip."""
     brief: bool = False
-    """Only what the shipped student needs: no teacher, ablations or ten minutes."""
+    """Only the shipped student: no teacher, no ablations, no ten-minute run."""
     leave_one_out: bool = False
-    """Instead: the talkers of --mocap, each by the student of DATA/leave_out that was trained
+    """Instead: the talkers of --mocap, each with the student in DATA/leave_out that was trained
     without them (`livedrive train distill --leave-out TALKER`)."""
-    mocap: Path | None = None
+    mocap: File = None
     """Folder of tracked faces, for --leave-one-out."""
     avatar: str = "ben"
+    """Avatar to measure on."""
     seed: int = 0
-    report: Path | None = None
+    """Seed of whatever is drawn at random."""
+    report: File = None
     """Write the metrics as JSON."""
-    plots: Path | None = None
-    """Folder for pictures: loss curves of all cards, error over a constant shift."""
+    plots: File = None
+    """Folder for plots: loss curves, and the error over a constant shift."""
 
 
 def evaluate(data: Path, settings: SpeechSettings) -> None:
