@@ -39,6 +39,7 @@ KEY, FILL = _lamp(0.62, 0.52, 0.78, 0.32), _lamp(-0.85, 0.10, 0.62, 0.55)
 RIM_LEFT, RIM_RIGHT = _lamp(0.88, 0.25, -0.50, 0.25), _lamp(-0.80, 0.42, -0.95, 0.30)
 LAMPS = (KEY, FILL, RIM_LEFT, RIM_RIGHT)
 TOWARDS = np.stack([lamp.towards for lamp in LAMPS])  # [4, 3]
+TOWARDS_AND_UP = np.concatenate([TOWARDS, [[0, 1, 0]]]).astype(np.float32)  # [5, 3]
 HALF_WIDTHS = np.array([lamp.half_width for lamp in LAMPS], np.float32)
 RGB = tuple[float, float, float]
 
@@ -66,14 +67,18 @@ class Lighting:
         half = np.float32(0.5)
         return np.stack([gains, gains * WRAP], 2), half * np.stack([up - down, up + down], 1)
 
-    def parts(self, normals: Floats, gains: Floats | None = None) -> Floats:
-        """[n, 3] unit, [n, 3] of linear light -> [n, 12], on a white surface that sees all of it.
+    def parts(
+        self, normals: Floats, gains: Floats | None = None, turn: Floats | None = None
+    ) -> Floats:
+        """[n, 3] unit, [n, 3] of linear light, [3, 3] how the head turns -> [n, 12], on a white
+        surface that sees all of it.
 
         0..2 from sky and fill, 3..5 from the key light, 6..8 and 9..11 from the rims.
         """
         gains = np.ones_like(normals) if gains is None else gains
         out = np.empty((len(normals), 12), np.float32)
-        light_vertices(normals, gains, TOWARDS, *self.terms, out)
+        towards = TOWARDS_AND_UP if turn is None else TOWARDS_AND_UP @ turn  # lamps, turned back
+        light_vertices(normals, gains, towards, *self.terms, out)
         return out
 
     def shade(self, normals: Floats, seen: Floats) -> Floats:
@@ -104,7 +109,7 @@ def exposed(stored: Floats) -> Floats:
 def light_vertices(
     normals: Floats,  # [n, 3] unit
     gains: Floats,  # [n, 3] of linear light
-    towards: Floats,  # [4, 3] unit: key, fill, rims left and right
+    towards: Floats,  # [5, 3] unit: key, fill, rims left and right, sky
     lamps: Floats,  # [4, 3, 2] of each lamp and channel: gain and offset over the cosine
     sky: Floats,  # [3, 2] the same over the height
     out: Floats,  # -> [n, 12] see Lighting.parts
@@ -112,8 +117,9 @@ def light_vertices(
     zero = np.float32(0)
     for n in range(len(normals)):
         x, y, z = normals[n, 0], normals[n, 1], normals[n, 2]
+        height = towards[4, 0] * x + towards[4, 1] * y + towards[4, 2] * z
         for k in range(3):
-            out[n, k] = gains[n, k] * (sky[k, 0] * y + sky[k, 1])
+            out[n, k] = gains[n, k] * (sky[k, 0] * height + sky[k, 1])
         for lamp in range(4):
             cosine = towards[lamp, 0] * x + towards[lamp, 1] * y + towards[lamp, 2] * z
             at = 3 * max(lamp, 1)

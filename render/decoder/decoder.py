@@ -218,6 +218,8 @@ class Decoder:
             one, other = rest.still
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = (self.shares @ identity.gloss)[:, None]
+            stretch = self.surface.interpolate @ bones.stretch(used)
+            stretched = np.flatnonzero(stretch).astype(np.int32)
             cache = IdentityCache(
                 biases=biases,
                 light=self.light(neutral, biases),
@@ -231,7 +233,7 @@ class Decoder:
                 neck=bones,
                 skin=bones.share(identity.geometry),
                 still=(bones.share(used[one.rows]), bones.share(used[other.rows])),
-                stretch=self.surface.interpolate @ bones.stretch(used),
+                stretch=(stretched, stretch[stretched]),
                 hair=bones.share(identity.hair.means),
                 eye_sizes=highlights.eye_sizes(
                     self.posing, identity.geometry, identity.eye_centers

@@ -7,7 +7,7 @@ import numpy as np
 from render.decoder.identity import Identity
 from render.decoder.neck import Neck, RestSurface, Share
 from render.lighting import Lighting
-from render.types import FIELDS, Floats, Gaussians, Shine
+from render.types import FIELDS, Floats, Gaussians, Ints, Shine
 
 HIGHLIGHT_MM = 0.75
 
@@ -27,7 +27,7 @@ class IdentityCache(NamedTuple):
     neck: Neck
     skin: Share  # of the mesh
     still: tuple[Share, Share]  # of rest.still
-    stretch: Floats  # [N] of the neck's skin
+    stretch: tuple[Ints, Floats]  # which Gaussians the neck stretches, and how far, a rad
     hair: Share
     eye_sizes: Floats  # [2]
 

@@ -76,27 +76,27 @@ class TurnedHead(NamedTuple):
 
     bent: Bent
     still: tuple[Share, Share]  # of RestSurface.still
-    stretch: Floats  # [N] of the skin, a rad
+    stretch: tuple[Ints, Floats]  # of which of the skin's Gaussians, a rad
 
     def surface(self, rest: RestSurface, lights: Lighting) -> RestSurface:
-        """What rests, as head and neck turn and stretch it."""
+        """What rests, as head and neck turn and stretch it, seen from the head."""
         (lit, dark), (share, other) = rest.still, self.still
         normals = self._bend(lit.normals, share)
         still = (
-            StillPart(lit.rows, normals, lights.parts(normals)),
+            StillPart(lit.rows, normals, lights.parts(normals, turn=self.bent.head[:, :3])),
             dark._replace(normals=self._bend(dark.normals, other)),
         )
-        widths = rest.widths * (1 + self.stretch * self.bent.angle).astype(np.float32)
-        return RestSurface(still, rest.sums, widths)
-
-    def turn(self, normals: Floats) -> Floats:  # [n, 3]
-        """As the head turns them."""
-        return normals @ self.bent.head[:, :3].T
+        return RestSurface(still, rest.sums, self._stretched(rest.widths))
 
     def _bend(self, normals: Floats, share: Share) -> Floats:  # [n, 3] at rest
-        turned = self.turn(normals)
-        kernels.turn_normals(*share, self.bent.moves, normals, turned)
-        return turned
+        bent = normals.copy()
+        kernels.turn_normals(*share, self.bent.from_head, normals, bent)
+        return bent
+
+    def _stretched(self, widths: Floats) -> Floats:  # [N] mm
+        widths = widths.copy()
+        kernels.widen(*self.stretch, np.float32(self.bent.angle), widths)
+        return widths
 
 
 @dataclass(frozen=True)
@@ -130,26 +130,15 @@ class Neck:
     def bent(self, head: HeadPose, breath: float = 0.0) -> Bent:
         """The spine of a pose within human limits; `breath` 0..1 lifts the chest."""
         head = limited(head)
-        w, *axis = head.quat if head.quat[0] >= 0 else tuple(-v for v in head.quat)
-        sine = sqrt(sum(v * v for v in axis))
-        half = atan2(sine, w) * self._way  # of the angle, at each step
-        turns = np.empty((STEPS + 1, 4))
-        turns[:, 0] = np.cos(half)
-        turns[:, 1:] = np.sin(half)[:, None] * (np.array(axis) / (sine or 1.0))
-        matrices = _matrices(turns)  # [STEPS + 1, 3, 3]
-        places = np.empty((STEPS + 1, 3))
-        places[0] = self.spine[0]
-        places[1:] = places[0] + np.cumsum(matrices[:-1] @ (self.spine[1] - self.spine[0]), 0)
-        share = self._way[:, None]
-        places += share * head.position + breath * (1 - share) * BREATH_MM
-        offsets = places - (matrices @ self.spine[:, :, None])[:, :, 0]
-
-        turn, offset = matrices[-1], offsets[-1]
+        w, x, y, z = head.quat if head.quat[0] >= 0 else tuple(-v for v in head.quat)
+        sine = sqrt(x * x + y * y + z * z)
+        angle, one = 2 * atan2(sine, w), sine or 1.0
+        axis = (x / one, y / one, z / one)
+        turns = np.empty((STEPS + 1, 4), np.float32)
         moves, from_head = np.empty((2, STEPS + 1, 3, 4), np.float32)
-        moves[:, :, :3], moves[:, :, 3] = matrices, offsets
-        from_head[:, :, :3] = turn.T @ matrices
-        from_head[:, :, 3] = (offsets - offset) @ turn
-        return Bent(moves, turns.astype(np.float32), from_head, 2 * float(half[-1]))
+        pose = (angle, axis, head.position, breath, BREATH_MM)
+        kernels.spine(self.spine, *pose, turns, moves, from_head)
+        return Bent(moves, turns, from_head, angle)
 
     def stations(self, head: HeadPose, breath: float, count: int) -> Floats:  # [count, 3, 4]
         """How points move at even steps from the chest to the head, seen from the room; for
@@ -160,11 +149,7 @@ class Neck:
     def spine(self) -> Doubles:  # [STEPS + 1, 3] mm
         """From its base to the head's joint."""
         base, joint = np.array(BASE_MM), np.array(JOINT_MM)
-        return base + self._way[:, None] * (joint - base) + self.offset
-
-    @cached_property
-    def _way(self) -> Doubles:  # [STEPS + 1] 0..1
-        return np.linspace(0, 1, STEPS + 1)
+        return base + np.linspace(0, 1, STEPS + 1)[:, None] * (joint - base) + self.offset
 
     @cached_property
     def offset(self) -> Vector:  # mm
@@ -199,7 +184,9 @@ def turn_hair(
 
 def turned_back(points: Floats, bent: Bent) -> Floats:  # [n, 3] mm
     """Points in the room, seen from the head."""
-    return ((points - bent.head[:, 3]) @ bent.head[:, :3]).astype(np.float32)
+    out = np.empty_like(points)
+    kernels.turn_back(bent.head, points, out)
+    return out
 
 
 def limited(head: HeadPose) -> HeadPose:
@@ -221,9 +208,3 @@ def _soft(value: float, limit: float) -> float:
         return value
     drawn_in = free + (limit - free) * tanh(beyond / (limit - free))
     return drawn_in if value > 0 else -drawn_in
-
-
-def _matrices(quats: Doubles) -> Doubles:  # [n, 4] unit -> [n, 3, 3]
-    out = np.empty((len(quats), 3, 3))
-    kernels.matrices(quats, out)
-    return out

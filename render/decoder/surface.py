@@ -131,10 +131,8 @@ class Surface:
         """What `kernels.skin_gaussians` interpolates from each used vertex [U, 11] (the light on a
         white surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
         normals, sums, areas = self.face.normals(vertices)
-        if turned:
-            normals = turned.turn(normals)
-        parts = lights.parts(normals, self.flush(sums, rest.sums))
         move = turned.bent.head if turned else AT_REST
+        parts = lights.parts(normals, self.flush(sums, rest.sums), move[:, :3] if turned else None)
         out = np.empty((len(self.used), 11), np.float32)
         for rows, shown, lit in (StillPart(self.live, normals, parts), *rest.still):
             kernels.vertex_attributes(

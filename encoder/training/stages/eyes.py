@@ -25,7 +25,7 @@ from encoder.training.streams.eye_pictures import EyePictures, augmented, standa
 
 TRUTH = "made by rules; pictures rendered by the capture stage"
 OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
-NEAR, WIDE = 0.27, 0.5  # relative gaze is fitted up to these sines (16 degrees), from this lid on
+NEAR, WIDE = 0.35, 0.5  # relative gaze is fitted up to these sines (20 degrees), from this lid on
 RELATIVE_RIDGE = 10.0
 TEST_SHARE = 10  # every tenth subject is never trained on
 
@@ -174,7 +174,7 @@ def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
 
 
 @torch.no_grad()
-def fit_relative(net: EyeNet, data: EyePictures, count: int = 24_000) -> None:
+def fit_relative(net: EyeNet, data: EyePictures, count: int = 80_000) -> None:
     """Least squares of how gaze differs from the mean of the same eye, on how features do."""
     data = data.where(_some_people(data, count))
     eye = 2 * data.subject + np.arange(len(data.lids)) % 2

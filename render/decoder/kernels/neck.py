@@ -9,21 +9,46 @@ from render.types import Floats, Ints
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def matrices(
-    quats: NDArray[np.float64],  # [n, 4] wxyz, unit
-    out: NDArray[np.float64],  # -> [n, 3, 3]
+def spine(
+    rest: NDArray[np.float64],  # [K, 3] mm, from its base to the head's joint
+    angle: float,  # rad that the head turns ...
+    axis: tuple[float, float, float],  # ... about this one, unit
+    position: tuple[float, float, float],  # mm that it is pushed
+    breath: float,  # 0..1
+    lift: tuple[float, float, float],  # mm of the chest in a full breath
+    turns: Floats,  # -> [K, 4] wxyz at each step
+    moves: Floats,  # -> [K, 3, 4] the same with the way of a point there
+    from_head: Floats,  # -> [K, 3, 4] seen from the head, as if it rested
 ) -> None:
-    for n in range(len(quats)):
-        w, x, y, z = quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3]
-        out[n, 0, 0] = 1 - 2 * (y * y + z * z)
-        out[n, 0, 1] = 2 * (x * y - w * z)
-        out[n, 0, 2] = 2 * (x * z + w * y)
-        out[n, 1, 0] = 2 * (x * y + w * z)
-        out[n, 1, 1] = 1 - 2 * (x * x + z * z)
-        out[n, 1, 2] = 2 * (y * z - w * x)
-        out[n, 2, 0] = 2 * (x * z - w * y)
-        out[n, 2, 1] = 2 * (y * z + w * x)
-        out[n, 2, 2] = 1 - 2 * (x * x + y * y)
+    """Every step turns by the same part; the next begins where the last one ends."""
+    last = len(rest) - 1
+    matrix, place, exact = np.empty((3, 3)), rest[0].copy(), np.empty((len(rest), 3, 4))
+    for n in range(len(rest)):
+        way = n / last
+        w, sine = np.cos(0.5 * angle * way), np.sin(0.5 * angle * way)
+        x, y, z = sine * axis[0], sine * axis[1], sine * axis[2]
+        turns[n, 0], turns[n, 1], turns[n, 2], turns[n, 3] = w, x, y, z
+        matrix[0, 0], matrix[0, 1] = 1 - 2 * (y * y + z * z), 2 * (x * y - w * z)
+        matrix[0, 2], matrix[1, 0] = 2 * (x * z + w * y), 2 * (x * y + w * z)
+        matrix[1, 1], matrix[1, 2] = 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)
+        matrix[2, 0], matrix[2, 1] = 2 * (x * z - w * y), 2 * (y * z + w * x)
+        matrix[2, 2] = 1 - 2 * (x * x + y * y)
+        for k in range(3):
+            pushed = way * position[k] + breath * (1 - way) * lift[k]
+            exact[n, k, 3] = place[k] + pushed
+            for j in range(3):
+                exact[n, k, j] = matrix[k, j]
+                exact[n, k, 3] -= matrix[k, j] * rest[n, j]
+                place[k] += matrix[k, j] * (rest[1, j] - rest[0, j])
+    for n in range(len(rest)):
+        for k in range(3):
+            for j in range(4):
+                moves[n, k, j] = exact[n, k, j]
+                seen = 0.0
+                for i in range(3):
+                    off = exact[last, i, 3] if j == 3 else 0.0
+                    seen += exact[last, i, k] * (exact[n, i, j] - off)
+                from_head[n, k, j] = seen
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -112,3 +137,26 @@ def turn(
         out_quats[n, 1] = p * x + q * w + r * z - s * y
         out_quats[n, 2] = p * y - q * z + r * w + s * x
         out_quats[n, 3] = p * z + q * y - r * x + s * w
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def turn_back(
+    move: Floats,  # [3, 4]
+    points: Floats,  # [n, 3] mm
+    out: Floats,  # -> [n, 3] mm, before they were moved
+) -> None:
+    for n in range(len(points)):
+        x, y, z = points[n, 0] - move[0, 3], points[n, 1] - move[1, 3], points[n, 2] - move[2, 3]
+        for k in range(3):
+            out[n, k] = move[0, k] * x + move[1, k] * y + move[2, k] * z
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def widen(
+    rows: Ints,  # [n] which Gaussians
+    stretch: Floats,  # [n] a rad
+    angle: np.float32,  # rad
+    widths: Floats,  # [N] mm, changed in place
+) -> None:
+    for n in range(len(rows)):
+        widths[rows[n]] *= np.float32(1) + stretch[n] * angle

@@ -77,7 +77,7 @@ def vertex_attributes(
     bleed: Floats,  # [3]
     bounce: Floats,  # [3] share of the sky that is always seen
     behind: np.float32,  # see surface.normals_of
-    move: Floats,  # [3, 4] of the vertices; normals and light are moved already
+    move: Floats,  # [3, 4] of vertices and normals; light is that of moved ones already
     out: Floats,  # -> [U, 11] these rows: what Gaussians take from a vertex, see `skin_gaussians`
 ) -> None:
     one = np.float32(1)
@@ -86,16 +86,17 @@ def vertex_attributes(
         v = np.uintp(used[row])
         sky, key, left, right = seen[0, row], seen[1, row], seen[2, row], seen[3, row]
         x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
+        nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
         for k in range(3):
             out[row, k] = move[k, 0] * x + move[k, 1] * y + move[k, 2] * z + move[k, 3]
+            out[row, 5 - k] = move[k, 0] * nx + move[k, 1] * ny + move[k, 2] * nz
             b = bleed[k]
             ambient = bounce[k] + (one - bounce[k]) * sky * (one + b * (one - sky))
             light = parts[n, k] * ambient + parts[n, 3 + k] * key * (one + b * (one - key))
             light += parts[n, 6 + k] * left * (one + b * (one - left))
             out[row, 6 + k] = light + parts[n, 9 + k] * right * (one + b * (one - right))
-        out[row, 3] = normals[n, 2] + behind
-        out[row, 4] = -normals[n, 1]
-        out[row, 5] = normals[n, 0]
+        out[row, 3] += behind
+        out[row, 4] = -out[row, 4]
         out[row, 9], out[row, 10] = key, sky
 
 
