@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from app.call.core.outgoing import Outgoing
 from app.call.core.parcel import Parcel, Receipt
 from app.call.core.partner import Partner
-from app.call.media.connection import Stream
 from app.call.media.opus import OpusDecoder
+from app.call.media.srtp import Stream
 from app.call.rooms.room import AVATAR, BYE, HELLO, Events, Room
 from app.call.wire import agreement
 from app.call.wire.agreement import MAX_PEOPLE, Hello
@@ -120,7 +120,8 @@ class Call:
             self.room.say(BYE)
 
     def close(self) -> None:
-        """Let go of everybody's decoder."""
+        """Let go of the encoder and of everybody's decoder."""
+        self._outgoing.close()
         for partner in self.partners.values():
             partner.close()
 
@@ -140,7 +141,7 @@ class Call:
         out = np.zeros(count, np.float32)
         for partner in self.partners.values():
             out += partner.voice.pull(count, heard_ns)
-        return np.clip(out, -1, 1)
+        return np.minimum(np.maximum(out, -1), 1)
 
     def _send(self, stream: Stream, plain: bytes, media: int, counter: int | None) -> None:
         if self.room is None or not self.may_send():

@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from app.call.media.connection import Stream
 from app.call.media.opus import PACKET, OpusEncoder
+from app.call.media.srtp import Stream
 from app.call.wire.packet import TICKS, Ints, Packer, Tick
 from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
@@ -75,6 +75,9 @@ class Outgoing:
             self._offset = offset
         message = self._packer.message(self._ticks, tick.index, self._offset)
         self._send("codes", message, max(end, 0), None)
+
+    def close(self) -> None:
+        self._encoder.close()
 
     def _say(self, media: int, packet: Sound, muted: bool) -> None:
         number = media // PACKET

@@ -1,24 +1,16 @@
 """One WebRTC connection: ICE, DTLS and SRTP by aiortc, with our own packets in it.
 
-aiortc would encode, and play through a jitter buffer of its own (70 to 400 ms); it takes packets
-that are encoded already, and its receivers' handler is replaced. Both are in this file only.
+aiortc would encode, and play through a jitter buffer of its own (70 to 400 ms), so our packets pass
+its senders and receivers by.
 """
 
 import asyncio
 import re
 from collections.abc import Awaitable, Callable, Sequence
-from fractions import Fraction
-from typing import TYPE_CHECKING, Literal
 
-from sensors.types import SAMPLE_RATE
+from app.call.media.srtp import Inlet, Outlet, Stream
 
-if TYPE_CHECKING:
-    from av import Packet
-
-Stream = Literal["voice", "codes"]
 MEDIA: tuple[Stream, ...] = ("voice", "codes")  # in the order of their lines in the SDP
-TIME_BASE = Fraction(1, SAMPLE_RATE)
-WAITING = 20  # packets that wait to be sent; more are dropped
 CANDIDATE = re.compile(r"(?m)^(a=candidate:\S+ \d+ udp \d+ )(\S+) (\d+)( typ \S+).*$")
 Reroute = Callable[[str, int], Awaitable[tuple[str, int]]]
 
@@ -40,7 +32,9 @@ class Connection:
         servers = [_ice_server(url) for url in ice_servers]
         self.pc = RTCPeerConnection(RTCConfiguration(iceServers=servers))
         self._on_packet, self._reroute = on_packet, reroute
-        self._tracks = {stream: _track() for stream in MEDIA if sends}
+        self._sends = sends
+        self._outlets: dict[Stream, Outlet] = {}
+        self._inlet: Inlet | None = None
         self._channel = None
         if on_message is not None:
             self._channel = self.pc.createDataChannel("control")
@@ -48,7 +42,7 @@ class Connection:
             if on_open is not None:
                 self._channel.on("open", on_open)
             self.pc.on("datachannel", lambda c: c.on("message", on_message))
-        self.pc.on("track", self._receive)
+        self.pc.on("connectionstatechange", self._open)
 
     @property
     def state(self) -> str:
@@ -68,12 +62,9 @@ class Connection:
         await self._set_remote(answer, "answer")
 
     def send(self, stream: Stream, payload: bytes, pts: int) -> bool:
-        """False: nobody takes it fast enough, or there is nobody yet."""
-        queue = self._tracks[stream].queue if stream in self._tracks else None
-        if queue is None or self.state != "connected" or queue.full():
-            return False
-        queue.put_nowait((payload, pts))
-        return True
+        """False: there is nobody yet."""
+        outlet = self._outlets.get(stream) if self.state == "connected" else None
+        return outlet is not None and outlet.send(payload, pts)
 
     @property
     def channel_is_open(self) -> bool:
@@ -90,8 +81,8 @@ class Connection:
         await self.pc.close()
 
     def _add_tracks(self) -> None:
-        for track in self._tracks.values():
-            self.pc.addTrack(track)
+        for _ in MEDIA if self._sends else ():
+            self.pc.addTrack(_track())
 
     async def _describe(self, description) -> str:  # noqa: ANN001
         await self.pc.setLocalDescription(description)
@@ -104,21 +95,16 @@ class Connection:
             sdp = await rerouted(sdp, self._reroute)
         await self.pc.setRemoteDescription(RTCSessionDescription(_plain(sdp), kind))
 
-    def _receive(self, track: object) -> None:
-        """Every receiver so far gets our handler; they come in the order of the SDP's lines."""
-        if self._on_packet is None:
+    def _open(self) -> None:
+        """Both streams' senders and receivers come in the order of the SDP's lines."""
+        if self.state != "connected" or self._outlets or self._inlet:
             return
-        for stream, receiver in zip(MEDIA, self.pc.getReceivers(), strict=False):
-            receiver._handle_rtp_packet = self._handler(stream)
-
-    def _handler(self, stream: Stream):  # noqa: ANN202
-        assert self._on_packet is not None
-        take = self._on_packet
-
-        async def handle(packet, arrival_time_ms: int) -> None:  # noqa: ANN001, ARG001
-            take(stream, packet.payload)
-
-        return handle
+        lines = [*zip(MEDIA, self.pc.getTransceivers(), strict=False)]
+        if self._sends:
+            for stream, line in lines:
+                self._outlets[stream] = Outlet(line.sender, line._codecs[0].payloadType or 0)
+        if self._on_packet is not None:
+            self._inlet = Inlet({line.receiver: stream for stream, line in lines}, self._on_packet)
 
 
 async def rerouted(sdp: str, reroute: Reroute) -> str:
@@ -155,22 +141,14 @@ def _ice_server(url: str):  # noqa: ANN202
 
 
 def _track():  # noqa: ANN202
-    import av
     from aiortc import MediaStreamTrack
 
     class Track(MediaStreamTrack):
-        """Hands packets to aiortc as they come."""
+        """What aiortc asks for and gets nothing of: see Outlet."""
 
         kind = "audio"
 
-        def __init__(self) -> None:
-            super().__init__()
-            self.queue: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue(WAITING)
-
-        async def recv(self) -> "Packet":
-            payload, pts = await self.queue.get()
-            packet = av.Packet(payload)
-            packet.pts, packet.time_base = pts, TIME_BASE
-            return packet
+        async def recv(self) -> None:
+            await asyncio.get_running_loop().create_future()
 
     return Track()

@@ -9,16 +9,19 @@ Streams: "voice" and "face", each when it is due, and "next face": a tick as it 
 earlier, so that most poses can lie between two of them instead of up to a tick behind.
 """
 
+import math
+from bisect import bisect_left
 from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from itertools import islice
 
 import numpy as np
 
 from sensors.types import NS, SAMPLE_RATE
 
 LOOK_NS = 100_000_000  # between two looks at the lags
-Streams = dict[str, deque[tuple[int, float]]]
+Lags = tuple[deque[int], deque[float]]  # our clock in ns, lag in ms; of as many units
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +45,7 @@ class Timeline:
 
     def __init__(self, settings: DelaySettings | None = None) -> None:
         self.settings = settings or DelaySettings()
-        self._lags: Streams = {}
+        self._lags: dict[str, Lags] = {}
         self._first_ns: int | None = None
         self._target_ms: float | None = None
         self._next_look_ns = 0
@@ -56,12 +59,14 @@ class Timeline:
         """From now on the unit of `stream` that is due at `media` could be played."""
         if self._first_ns is None:
             self._first_ns = now_ns
-        lags = self._lags.setdefault(stream, deque())
-        lags.append((now_ns, now_ns / 1e6 - media * 1e3 / SAMPLE_RATE))
+        times, lags = self._lags.setdefault(stream, (deque(), deque()))
+        times.append(now_ns)
+        lags.append(now_ns / 1e6 - media * 1e3 / SAMPLE_RATE)
         old_ns = now_ns - round(self.settings.window_s * NS)
         if now_ns - self._first_ns > 3 * self.settings.first_s * NS:  # what began is slow at first
             old_ns = max(old_ns, self._first_ns + round(self.settings.first_s * NS))
-        while lags[0][0] < old_ns:
+        while times[0] < old_ns:
+            times.popleft()
             lags.popleft()
 
     def target(self, now_ns: int) -> float | None:
@@ -99,13 +104,11 @@ class Timeline:
         return self._at
 
     def _wanted_ms(self) -> float:
-        s, lags = self.settings, {n: np.array(rows) for n, rows in self._lags.items() if rows}
-        needed = max(
-            float(np.quantile(rows[:, 1], s.quantiles[stream], method="higher"))
-            for stream, rows in lags.items()
-        )
-        # Of the last second: a partner whose clock stood still is that much later for good.
-        fastest = max(
-            float(rows[rows[:, 0] >= rows[-1, 0] - NS, 1].min()) for rows in lags.values()
-        )
-        return float(np.clip(needed + s.margin_ms, fastest, fastest + s.most_ms))
+        s, needed, fastest = self.settings, -math.inf, -math.inf
+        for stream, (times, lags) in self._lags.items():
+            ordered = np.sort(np.fromiter(lags, float, len(lags)))
+            needed = max(needed, ordered[math.ceil(s.quantiles[stream] * (len(ordered) - 1))])
+            # Of the last second: a partner whose clock stood still is that much later for good.
+            lately = len(times) - bisect_left(times, times[-1] - NS)
+            fastest = max(fastest, min(islice(reversed(lags), lately)))
+        return float(min(max(needed + s.margin_ms, fastest), fastest + s.most_ms))

@@ -4,6 +4,7 @@ What is missing when it is due is recovered from the next packet, or concealed, 
 drift of both sound cards and every change of the delay are resampled away.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,10 +16,10 @@ from app.call.media.timeline import Timeline
 from sensors.types import SAMPLE_RATE
 
 Sound = NDArray[np.float32]
-BLOCK = 120  # samples that are resampled at a time
+LEAST = 16  # samples that are resampled at a time
 RESAMPLER_DELAY = 240  # samples that soxr keeps when its rate may vary
 PULL = 240  # samples that a loudspeaker asks for at a time, at most, for the delay to be right
-READ_AHEAD = PULL + RESAMPLER_DELAY + BLOCK  # samples decoded before the first of them is heard
+READ_AHEAD = PULL + RESAMPLER_DELAY + 2 * LEAST  # samples decoded before the first of them is heard
 FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from where we play are nonsense
 GONE = 50  # packets missing in a row: the partner is not late but away
 SPEECH_RMS = 0.01
@@ -92,7 +93,7 @@ class VoiceTrack:
         self._ahead = media - target
         self._timeline.played(media, heard_ns, rate)
         while len(self._ready) < count:
-            self._feed(rate)
+            self._feed(max(count - len(self._ready), LEAST), rate)
         out, self._ready = self._ready[:count], self._ready[count:]
         return out
 
@@ -110,15 +111,15 @@ class VoiceTrack:
         limit = 1 + 2 * self._timeline.settings.rate
         self._resampler = self._soxr.ResampleStream(limit, 1, 1, "float32", "LQ", vr=True)
 
-    def _feed(self, rate: float) -> None:
-        """One block through the resampler."""
-        while len(self._decoded) < BLOCK:
+    def _feed(self, count: int, rate: float) -> None:
+        """So many samples through the resampler, which makes about as many of them."""
+        while len(self._decoded) < count:
             self._decoded = np.concatenate([self._decoded, self._decode()])
-        block, self._decoded = self._decoded[:BLOCK], self._decoded[BLOCK:]
-        self._fed += BLOCK
+        block, self._decoded = self._decoded[:count], self._decoded[count:]
+        self._fed += count
         self._resampler.set_io_ratio(rate, 1.0)
         made = self._resampler.resample_chunk(block)
-        self._pending += BLOCK / rate - len(made)
+        self._pending += count / rate - len(made)
         self._ready = np.concatenate([self._ready, made])
 
     def _decode(self) -> Sound:
@@ -146,7 +147,7 @@ class VoiceTrack:
             self._missing += 1
             self.counts.concealed += 1
             sound = self._decoder.conceal()
-        self.level = float(np.sqrt(np.mean(sound * sound)))
+        self.level = math.sqrt(sound @ sound / PACKET)
         return sound
 
     def _is_early(self, number: int) -> bool:

@@ -9,7 +9,8 @@ import contextlib
 import ssl
 from typing import TYPE_CHECKING
 
-from app.call.media.connection import Connection, Stream
+from app.call.media.connection import Connection
+from app.call.media.srtp import Stream
 from app.call.rooms.room import (
     ANSWER,
     CONNECT_S,

@@ -4,7 +4,8 @@ import asyncio
 import contextlib
 from collections.abc import Callable
 
-from app.call.media.connection import Connection, Stream
+from app.call.media.connection import Connection
+from app.call.media.srtp import Stream
 from app.call.rooms.janus_api import JanusError, JanusSession
 from app.call.rooms.room import CONNECT_S, LOOK_S, RETRY_S, SILENT_S, LineSettings
 from app.call.wire.invite import Invite

@@ -9,7 +9,8 @@ import contextlib
 from collections.abc import Callable
 from typing import Any
 
-from app.call.media.connection import Connection, Stream
+from app.call.media.connection import Connection
+from app.call.media.srtp import Stream
 from app.call.rooms.feed import Feed
 from app.call.rooms.janus_api import JanusError, JanusSession
 from app.call.rooms.room import CONNECT_S, LOOK_S, RETRY_S, Events, LineSettings

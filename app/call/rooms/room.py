@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from app.call.media.connection import Reroute, Stream
+from app.call.media.connection import Reroute
+from app.call.media.srtp import Stream
 
 BYE, HELLO, OFFER, ANSWER, AVATAR = b"B", b"H", b"O", b"A", b"V"  # first byte of a message
 RETRY_S = 1.0

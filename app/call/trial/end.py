@@ -85,7 +85,8 @@ class Recorder:
         self._ticks: dict[int, np.ndarray] = {}
         self._origin_ns = self._first_heard_ns = 0
         self._cpu_s = self._wall_s = 0.0
-        self._sent_bytes = self._stalled_ns = 0
+        self._sent_bytes = self._stalled = 0
+        self._judged = False
         self._partner: Mapping[str, Any] = {}
 
     async def reroute(self, host: str, port: int) -> tuple[str, int]:  # noqa: ARG002
@@ -102,35 +103,50 @@ class Recorder:
             call.step()
         gc.collect()
         gc.freeze()
-        start_ns = self._origin_ns = time.monotonic_ns()
-        total = int((settings.seconds + WARM_UP_S) * SAMPLE_RATE)
-        judged = False
-        for now in range(0, total, PULL):
-            due_ns = start_ns + now * NS // SAMPLE_RATE
-            await asyncio.sleep(max(0, (due_ns - time.monotonic_ns()) / NS))
-            late_ns = time.monotonic_ns() - due_ns
-            if late_ns > STALL_NS:  # the machine was busy elsewhere: the sound card stood still
-                self._stalled_ns += late_ns
-                start_ns, due_ns = start_ns + late_ns, due_ns + late_ns
-            if not judged and now >= WARM_UP_S * SAMPLE_RATE:
-                judged, self._first_heard_ns = True, due_ns
-                self._begin(call)
-            if now % BLOCK == 0 and now:
-                call.speak(
-                    now - BLOCK, self._sound(now - BLOCK), due_ns - BLOCK * NS // SAMPLE_RATE
-                )
-            sound = call.pull(PULL, due_ns)
-            if judged:
-                self._heard.append(sound)
-            if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
-                self._tick(call, now // SAMPLES_PER_FRAME - 1, start_ns)
-                self._look(call, due_ns, judged)
-            if now % SAMPLE_RATE == 0:
-                call.step()
+        self._origin_ns = time.monotonic_ns()
+        loop = asyncio.get_running_loop()
+        played = loop.create_future()
+        start_s, total = loop.time(), int((settings.seconds + WARM_UP_S) * SAMPLE_RATE)
+
+        def beat(now: int) -> None:
+            """The sound card's: a timer alone, as a card costs no turn of a task."""
+            try:
+                self._play_on(call, now)
+            except Exception as error:  # nobody awaits a timer
+                played.set_exception(error)
+            if played.done():
+                return
+            if now + PULL < total:
+                loop.call_at(start_s + (now + PULL) / SAMPLE_RATE, beat, now + PULL)
+            else:
+                played.set_result(None)
+
+        beat(0)
+        await played
         self._cpu_s = time.process_time() - self._cpu_s
         self._wall_s = time.monotonic() - self._wall_s
         self._sent_bytes = call.sent_bytes - self._sent_bytes
         self._partner = next(iter(report_of(call, time.monotonic_ns(), {}).values()), {})
+
+    def _play_on(self, call: Call, now: int) -> None:
+        """The next 5 ms, from sample `now` on."""
+        due_ns = self._origin_ns + now * NS // SAMPLE_RATE
+        if not self._judged and now >= WARM_UP_S * SAMPLE_RATE:
+            self._judged, self._first_heard_ns = True, due_ns
+            self._begin(call)
+        if now % BLOCK == 0 and now:
+            call.speak(now - BLOCK, self._sound(now - BLOCK), due_ns - BLOCK * NS // SAMPLE_RATE)
+        if time.monotonic_ns() - due_ns < STALL_NS:
+            sound = call.pull(PULL, due_ns)
+        else:  # the machine was busy elsewhere: sound cards go on, and had nothing to play
+            sound, self._stalled = np.zeros(PULL, np.float32), self._stalled + PULL
+        if self._judged:
+            self._heard.append(sound)
+        if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
+            self._tick(call, now // SAMPLES_PER_FRAME - 1)
+            self._look(call, due_ns)
+        if now % SAMPLE_RATE == 0:
+            call.step()
 
     def _begin(self, call: Call) -> None:
         """What came before is warm-up."""
@@ -141,21 +157,23 @@ class Recorder:
         self._sent_bytes = call.sent_bytes
 
     def _sound(self, at: int) -> np.ndarray:
-        at += self._settings.start * SAMPLES_PER_FRAME
-        return np.take(self._material.sound, np.arange(at, at + BLOCK), mode="wrap")
+        sound = self._material.sound
+        at = (at + self._settings.start * SAMPLES_PER_FRAME) % len(sound)
+        rest = sound[at : at + BLOCK]
+        return rest if len(rest) == BLOCK else np.concatenate([rest, sound[: BLOCK - len(rest)]])
 
-    def _tick(self, call: Call, index: int, start_ns: int) -> None:
+    def _tick(self, call: Call, index: int) -> None:
         m = self._material
         row = (index + self._settings.start) % len(m.expression)
-        end_ns = start_ns + (index + 1) * SAMPLES_PER_FRAME * NS // SAMPLE_RATE
+        end_ns = self._origin_ns + (index + 1) * SAMPLES_PER_FRAME * NS // SAMPLE_RATE
         call.tick(Tick(index, m.expression[row], m.gaze[row]), end_ns)
 
-    def _look(self, call: Call, now_ns: int, judged: bool) -> None:
+    def _look(self, call: Call, now_ns: int) -> None:
         for partner in call.partners.values():
             if partner.timeline.started:
                 media = partner.timeline.media_at(now_ns)
                 shown = self._face.pose(media, now_ns)
-                if shown is not None and judged:
+                if shown is not None and self._judged:
                     self._seen.append((now_ns, shown.tick.expression, media))
 
     def save(self) -> None:
@@ -165,7 +183,7 @@ class Recorder:
             "held": self._face.counts.held,
             "cpu_share": self._cpu_s / self._wall_s,
             "sealed_kbps": self._sent_bytes * 8 / self._wall_s / 1e3,
-            "stalled_ms": self._stalled_ns / 1e6,
+            "stalled_ms": self._stalled * 1e3 / SAMPLE_RATE,
             "origin_ns": self._origin_ns,
             "first_heard_ns": self._first_heard_ns,
             "settings": asdict(self._settings),
