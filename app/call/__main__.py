@@ -2,6 +2,7 @@
 
 import gc
 import logging
+from datetime import UTC, datetime
 
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
@@ -26,7 +27,8 @@ def main() -> None:
 
         coding = Decoder.load().coding
         basis = basis_of(coding.frame, coding.to_code)
-        service = Service(end, Seats(handles[0]), basis, MonotonicClock())
+        date_s = int(datetime.now(UTC).timestamp())
+        service = Service(end, Seats(handles[0]), basis, MonotonicClock(), date_s)
         gc.collect()
         gc.freeze()
         child.run(service.run(settings))

@@ -7,6 +7,7 @@ all have one. When one end closes or dies, the other reads b"".
 import socket
 import struct
 import threading
+from collections.abc import Iterator
 
 HEAD = struct.Struct("<I")
 MAX_PACKET = 1 << 16
@@ -56,6 +57,18 @@ class Channel:
             if not data:
                 return b""
             self._incoming += data
+
+    def waiting(self) -> Iterator[bytes]:
+        """Every packet that has come; b"" is the last one where the other end is gone."""
+        packet = None
+        while packet != b"":
+            try:
+                packet = self.recv()
+            except BlockingIOError:
+                return
+            except OSError:
+                packet = b""
+            yield packet
 
     def fileno(self) -> int:
         return self.socket.fileno()

@@ -82,13 +82,7 @@ class ServerLink:
 
     def read(self) -> None:
         """Take in what the server has sent: page, first sample, arrival in ns, samples [n]."""
-        while not self.ended:
-            try:
-                packet = self._end.recv()
-            except BlockingIOError:
-                return
-            except OSError:
-                packet = b""
+        for packet in () if self.ended else self._end.waiting():
             if packet[:1] == SOUND:
                 _, page, first, arrival_ns = SOUND_HEAD.unpack_from(packet)
                 samples = np.frombuffer(packet, "<f4", offset=SOUND_HEAD.size)

@@ -153,13 +153,7 @@ class WebServer:
 
     def _read(self, ended: asyncio.Future[None]) -> None:
         """Take every waiting tick; all go to programs, only the newest to pages."""
-        while True:
-            try:
-                packet = self._end.recv()
-            except BlockingIOError:
-                break
-            except OSError:
-                packet = b""
+        for packet in self._end.waiting():
             if not packet:
                 if not ended.done():
                     ended.set_result(None)

@@ -78,13 +78,7 @@ class CallLink:
     def read(self) -> None:
         """Take in what the call's process has sent; never blocks."""
         with self._lock:
-            while not self.ended:
-                try:
-                    packet = self._socket.recv()
-                except BlockingIOError:
-                    return
-                except OSError:
-                    packet = b""
+            for packet in () if self.ended else self._socket.waiting():
                 self._take(packet[:1], packet[1:])
 
     def close(self) -> None:

@@ -10,7 +10,6 @@ import secrets
 import threading
 import time
 from collections.abc import Callable
-from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -46,8 +45,10 @@ TELL_S = 1.0
 class Service:
     """Runs until the loop's end of the socket closes."""
 
-    def __init__(self, end: Channel, seats: Seats, basis: Basis, clock: Clock) -> None:
+    def __init__(self, end: Channel, seats: Seats, basis: Basis, clock: Clock, date_s: int) -> None:
+        """`date_s`: of the calendar, since 1970: a server's token ends at a date."""
         self._end, self._seats, self._basis, self._clock = end, seats, basis, clock
+        self._date_s = date_s
         self._lock = threading.Lock()  # the loudspeaker asks from a thread of its own
         self._played = np.zeros(0, np.float32)
         self._call: Call | None = None
@@ -110,7 +111,7 @@ class Service:
             call.room = JanusRoom(invite, identity, call.events(), line)
         elif settings.room:
             invite = room_invite(
-                settings.server, settings.room, secret, settings.server_key, self._now_s()
+                settings.server, settings.room, secret, settings.server_key, self._date_s
             )
             key = janus_server.admin_key(settings.server_key)
             call.room = JanusRoom(invite, identity, call.events(), line, key)
@@ -123,11 +124,6 @@ class Service:
             self._post(protocol.pack_json(protocol.INVITE, str(invite)))
             return task
         return asyncio.create_task(call.room.run())
-
-    @staticmethod
-    def _now_s() -> int:
-        """Of the calendar: a server's token ends at a date."""
-        return int(datetime.now(UTC).timestamp())
 
     def tell(self, line: str) -> None:
         """A line for the person, printed by the loop."""
@@ -197,13 +193,7 @@ class Service:
             protocol.TICK: lambda p: call.tick(*protocol.unpack_tick(p)),
             protocol.STATE: lambda p: call.change(**json.loads(p[1:])),
         }
-        while True:
-            try:
-                packet = self._end.recv()
-            except BlockingIOError:
-                return
-            except OSError:
-                packet = b""
+        for packet in self._end.waiting():
             if not packet or packet[:1] == protocol.END:
                 if not ended.done():
                     ended.set_result(None)

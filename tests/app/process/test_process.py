@@ -72,6 +72,19 @@ def test_nothing_to_read_does_not_wait_and_a_dead_end_says_so() -> None:
     theirs.close()
 
 
+def test_all_that_waits_is_read_and_the_end_comes_last() -> None:
+    ours, theirs = pair()
+    assert [*theirs.waiting()] == []
+    ours.send(b"a")
+    ours.send(b"b")
+    assert [*theirs.waiting()] == [b"a", b"b"]
+    ours.send(b"c")
+    ours.close()
+    assert [*theirs.waiting()] == [b"c", b""]
+    theirs.close()
+    assert [*theirs.waiting()] == [b""]
+
+
 def test_too_long_a_packet_is_an_error_of_ours() -> None:
     ours, theirs = pair()
     with pytest.raises(ValueError, match="65536 bytes at most, got 65537"):
