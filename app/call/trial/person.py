@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from app.call.core.call import Call, Sight, new_identity
 from app.call.core.status import report_of
 from app.call.media.connection import bind_only
+from app.call.media.voice import PULL
 from app.call.rooms.janus import JanusRoom
 from app.call.rooms.room import LineSettings
 from app.call.trial.material import synthetic_material
@@ -21,7 +22,7 @@ from app.call.trial.relay import Leg, LossyLine, open_line
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import parse
 from app.call.wire.packet import Tick
-from sensors.types import NS, SAMPLE_RATE
+from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 BLOCK = 480  # samples that the microphone delivers at a time
 SEEN_NS = NS  # a partner of whom no tick came for so long is not seen
@@ -57,26 +58,30 @@ class Person:
         call.room = self.room
 
     async def talk(self, closed: asyncio.Event) -> None:
-        call, m = self._call, self._material
-        start_ns, block = time.monotonic_ns(), 0
+        call, start_ns, now = self._call, time.monotonic_ns(), 0
         while not closed.is_set():
-            block += 1
-            due_ns = start_ns + block * BLOCK * NS // SAMPLE_RATE
+            now += PULL
+            due_ns = start_ns + now * NS // SAMPLE_RATE
             await asyncio.sleep(max(0, (due_ns - time.monotonic_ns()) / NS))
-            now_ns = time.monotonic_ns()
-            at = block * BLOCK % (len(m.sound) - BLOCK)
-            call.speak(block * BLOCK, m.sound[at : at + BLOCK], now_ns)
-            if block % 10 in (3, 6, 9):
-                row = block // 3 % len(m.expression)
-                call.tick(
-                    Tick(block // 10 * 3 + block % 10 // 3, m.expression[row], m.gaze[0]), now_ns
-                )
-            call.pull(BLOCK, now_ns)
-            if block % 10 == 0 and (sees := self._sees(now_ns)) != self._told:
+            if now % BLOCK == 0:
+                self._say(now - BLOCK, due_ns - BLOCK * NS // SAMPLE_RATE)
+            if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME:
+                self._show_face(now // SAMPLES_PER_FRAME - 1, start_ns)
+            call.pull(PULL, due_ns)
+            if now % (10 * BLOCK) == 0 and (sees := self._sees(time.monotonic_ns())) != self._told:
                 self._told = sees
                 _say({"sees": sees})
-            if block % 100 == 0:
+            if now % SAMPLE_RATE == 0:
                 call.step()
+
+    def _say(self, at: int, t_ns: int) -> None:
+        place = at % (len(self._material.sound) - BLOCK)
+        self._call.speak(at, self._material.sound[place : place + BLOCK], t_ns)
+
+    def _show_face(self, index: int, start_ns: int) -> None:
+        m, end_ns = self._material, start_ns + (index + 1) * SAMPLES_PER_FRAME * NS // SAMPLE_RATE
+        row = index % len(m.expression)
+        self._call.tick(Tick(index, m.expression[row], m.gaze[row]), end_ns)
 
     def obey(self, word: str) -> None:
         """A line of the input."""
