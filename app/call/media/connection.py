@@ -8,7 +8,7 @@ import asyncio
 import re
 from collections.abc import Awaitable, Callable, Sequence
 
-from app.call.media.srtp import Inlet, Outlet, Stream
+from app.call.media.srtp import RtpReceiver, RtpSender, Stream
 
 MEDIA: tuple[Stream, ...] = ("voice", "codes")  # in the order of their lines in the SDP
 CANDIDATE = re.compile(r"(?m)^(a=candidate:\S+ \d+ udp \d+ )(\S+) (\d+)( typ \S+).*$")
@@ -33,8 +33,8 @@ class Connection:
         self.pc = RTCPeerConnection(RTCConfiguration(iceServers=servers))
         self._on_packet, self._reroute = on_packet, reroute
         self._sends = sends
-        self._outlets: dict[Stream, Outlet] = {}
-        self._inlet: Inlet | None = None
+        self._senders: dict[Stream, RtpSender] = {}
+        self._receiver: RtpReceiver | None = None
         self._channel = None
         if on_message is not None:
             self._channel = self.pc.createDataChannel("control")
@@ -63,8 +63,8 @@ class Connection:
 
     def send(self, stream: Stream, payload: bytes, pts: int) -> bool:
         """False: there is nobody yet."""
-        outlet = self._outlets.get(stream) if self.state == "connected" else None
-        return outlet is not None and outlet.send(payload, pts)
+        sender = self._senders.get(stream) if self.state == "connected" else None
+        return sender is not None and sender.send(payload, pts)
 
     @property
     def channel_is_open(self) -> bool:
@@ -97,14 +97,16 @@ class Connection:
 
     def _open(self) -> None:
         """Both streams' senders and receivers come in the order of the SDP's lines."""
-        if self.state != "connected" or self._outlets or self._inlet:
+        if self.state != "connected" or self._senders or self._receiver:
             return
         lines = [*zip(MEDIA, self.pc.getTransceivers(), strict=False)]
         if self._sends:
             for stream, line in lines:
-                self._outlets[stream] = Outlet(line.sender, line._codecs[0].payloadType or 0)
+                self._senders[stream] = RtpSender(line.sender, line._codecs[0].payloadType or 0)
         if self._on_packet is not None:
-            self._inlet = Inlet({line.receiver: stream for stream, line in lines}, self._on_packet)
+            self._receiver = RtpReceiver(
+                {line.receiver: stream for stream, line in lines}, self._on_packet
+            )
 
 
 async def rerouted(sdp: str, reroute: Reroute) -> str:
@@ -144,7 +146,7 @@ def _track():  # noqa: ANN202
     from aiortc import MediaStreamTrack
 
     class Track(MediaStreamTrack):
-        """What aiortc asks for and gets nothing of: see Outlet."""
+        """What aiortc asks for and gets nothing of: see RtpSender."""
 
         kind = "audio"
 

@@ -20,7 +20,7 @@ RTCP = range(192, 224)  # second bytes, as RFC 5761 tells them apart
 SRTP = range(128, 192)  # first bytes, as RFC 7983 does
 
 
-class Outlet:
+class RtpSender:
     """The packets of one sender, which itself never gets any."""
 
     def __init__(self, sender: "RTCRtpSender", payload_type: int) -> None:
@@ -40,7 +40,7 @@ class Outlet:
         return True
 
 
-class Inlet:
+class RtpReceiver:
     """Stands before the queue of one transport and takes the media out."""
 
     def __init__(
