@@ -32,7 +32,13 @@ class Mesh:
 
 
 # Arrays of Gaussians, and the shape of a row.
-FIELDS = {"means": (3,), "quats": (4,), "scales": (3,), "opacities": (), "colors": (3,)}
+FIELDS: dict[str, tuple[int, ...]] = {
+    "means": (3,),
+    "quats": (4,),
+    "scales": (3,),
+    "opacities": (),
+    "colors": (3,),
+}
 
 
 @dataclass(frozen=True)

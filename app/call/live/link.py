@@ -144,7 +144,8 @@ class CallMicrophone:
         self._thread.start()
 
     def poll(self) -> list[Packet]:
-        microphone, found = self._microphone, []
+        microphone = self._microphone
+        found: list[Packet] = []
         self.problem, self.losses = microphone.problem, microphone.losses
         self.reopened = microphone.reopened
         while self._packets:

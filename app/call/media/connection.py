@@ -7,8 +7,13 @@ its senders and receivers by.
 import asyncio
 import re
 from collections.abc import Awaitable, Callable, Sequence
+from typing import TYPE_CHECKING, Any
 
 from app.call.media.srtp import RtpReceiver, RtpSender, Stream
+
+if TYPE_CHECKING:
+    from aiortc import RTCDataChannel, RTCSessionDescription
+    from av.packet import Packet
 
 MEDIA: tuple[Stream, ...] = ("voice", "codes")  # in the order of their lines in the SDP
 CANDIDATE = re.compile(r"(?m)^(a=candidate:\S+ \d+ udp \d+ )(\S+) (\d+)( typ \S+).*$")
@@ -38,10 +43,17 @@ class Connection:
         self._channel = None
         if on_message is not None:
             self._channel = self.pc.createDataChannel("control")
-            self._channel.on("message", lambda m: on_message(m if isinstance(m, bytes) else b""))
+
+            def listen(channel: "RTCDataChannel") -> None:
+                channel.on("message", heard)
+
+            def heard(message: str | bytes) -> None:
+                on_message(message if isinstance(message, bytes) else b"")
+
+            listen(self._channel)
             if on_open is not None:
                 self._channel.on("open", on_open)
-            self.pc.on("datachannel", lambda c: c.on("message", on_message))
+            self.pc.on("datachannel", listen)
         self.pc.on("connectionstatechange", self._open)
 
     @property
@@ -84,7 +96,7 @@ class Connection:
         for _ in MEDIA if self._sends else ():
             self.pc.addTrack(_track())
 
-    async def _describe(self, description) -> str:  # noqa: ANN001
+    async def _describe(self, description: "RTCSessionDescription") -> str:
         await self.pc.setLocalDescription(description)
         return _plain(self.pc.localDescription.sdp)
 
@@ -102,7 +114,7 @@ class Connection:
         lines = [*zip(MEDIA, self.pc.getTransceivers(), strict=False)]
         if self._sends:
             for stream, line in lines:
-                self._senders[stream] = RtpSender(line.sender, line._codecs[0].payloadType or 0)
+                self._senders[stream] = RtpSender(line)
         if self._on_packet is not None:
             self._receiver = RtpReceiver(
                 {line.receiver: stream for stream, line in lines}, self._on_packet
@@ -111,7 +123,8 @@ class Connection:
 
 async def rerouted(sdp: str, reroute: Reroute) -> str:
     """The description with each candidate's address replaced."""
-    parts, at = [], 0
+    parts: list[str] = []
+    at = 0
     for match in CANDIDATE.finditer(sdp):
         head, host, port, kind = match.groups()
         host, port = await reroute(host, int(port))
@@ -150,7 +163,7 @@ def _track():  # noqa: ANN202
 
         kind = "audio"
 
-        async def recv(self) -> None:
-            await asyncio.get_running_loop().create_future()
+        async def recv(self) -> "Packet[Any]":
+            return await asyncio.get_running_loop().create_future()
 
     return Track()

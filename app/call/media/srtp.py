@@ -11,7 +11,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from aiortc import RTCRtpReceiver, RTCRtpSender
+    from aiortc import RTCRtpReceiver, RTCRtpTransceiver
 
 Stream = Literal["voice", "codes"]
 HEADER = struct.Struct("!BBHII")
@@ -21,15 +21,16 @@ SRTP = range(128, 192)  # first bytes, as RFC 7983 does
 
 
 class RtpSender:
-    """The packets of one sender, which itself never gets any."""
+    """The packets of one line of the SDP, whose own sender never gets any."""
 
-    def __init__(self, sender: "RTCRtpSender", payload_type: int) -> None:
-        self._sender, self._kind = sender, MARKER | payload_type
+    def __init__(self, line: "RTCRtpTransceiver") -> None:
+        of_line: Any = line
+        self._sender, self._kind = of_line.sender, MARKER | of_line._codecs[0].payloadType
         self._number, self._origin = secrets.randbits(15), secrets.randbits(32)
 
     def send(self, payload: bytes, pts: int) -> bool:
         """False: the way is not open."""
-        transport: Any = self._sender.transport
+        transport = self._sender.transport
         session, pair = transport._tx_srtp, transport.transport._connection._nominated.get(1)
         if session is None or pair is None or pair.protocol.transport.is_closing():
             return False

@@ -46,9 +46,9 @@ class VoiceTrack:
     """Push packets as they come, pull samples as they are due."""
 
     def __init__(self, timeline: Timeline, decoder: VoiceDecoder) -> None:
-        import soxr
+        import soxr  # pyright: ignore[reportMissingTypeStubs]
 
-        self._soxr = soxr
+        self._soxr: Any = soxr
         self.counts = VoiceCounts()
         self.level = 0.0  # root mean square of the newest packet
         self._timeline, self._decoder = timeline, decoder

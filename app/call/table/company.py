@@ -42,7 +42,7 @@ def places(sizes: list[float]) -> list[Place]:
     """A seat for each partner, left to right; `sizes` 1, or up to SPEAKER."""
     count = len(sizes)
     share = FIRST_MM / max(FIRST_MM, SPACING_MM * count)
-    found = []
+    found: list[Place] = []
     for seat, size in enumerate(sizes):
         off = seat - (count - 1) / 2
         # Seen from the front the subject's left is on the right, so seats go from +x to -x.
@@ -98,7 +98,7 @@ class Company:
         sitters = self._reader.sitters(now_ns)
         if not sitters:
             return own
-        clouds = []
+        clouds: list[Gaussians] = []
         for sitter, place in zip(sitters, places(self._follow(sitters)), strict=True):
             tick, who = sitter.tick, self._avatar(sitter)
             x, y, z = tick.head_mm.tolist()

@@ -158,7 +158,7 @@ class SeatReader:
 
     def sitters(self, now_ns: int) -> list[Sitter]:
         """Everybody whose face is known, in the order of their seats."""
-        found = []
+        found: list[Sitter] = []
         for place, row in enumerate(self.seats.rows):
             identity = row["identity"].decode()
             anchor_ns, (media, rate) = int(row["anchor_ns"]), row["anchor"]

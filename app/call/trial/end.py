@@ -126,7 +126,8 @@ class Recorder:
         self._cpu_s = time.process_time() - self._cpu_s
         self._wall_s = time.monotonic() - self._wall_s
         self._sent_bytes = call.sent_bytes - self._sent_bytes
-        self._partner = next(iter(report_of(call, time.monotonic_ns(), {}).values()), {})
+        for partner in report_of(call, time.monotonic_ns(), {}).values():
+            self._partner = partner
 
     def _play_on(self, call: Call, now: int) -> None:
         """The next 5 ms, from sample `now` on."""

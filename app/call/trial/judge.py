@@ -47,12 +47,13 @@ def delays_ms(here: Found, there: Found, material: Material) -> NDArray[np.float
     heard there was said, in ms."""
     start = there.report["settings"]["start"] * SAMPLES_PER_FRAME
     first_ns, origin_ns = here.report["first_heard_ns"], there.report["origin_ns"]
-    rows = []
+    rows: list[tuple[float, float]] = []
     for at in range(0, len(here.heard) - WINDOW + 1, WINDOW // 2):
         heard_ns = first_ns + at * 1e9 / SAMPLE_RATE
         said_by_now = round((heard_ns - origin_ns) * SAMPLE_RATE / 1e9)
-        reach = np.arange(said_by_now - SEARCH, said_by_now + WINDOW) + start
-        said = np.take(material.sound, reach, mode="wrap").astype(np.float64)
+        first = said_by_now - SEARCH + start
+        reach = (first + np.arange(SEARCH + WINDOW, dtype=np.int64)) % len(material.sound)
+        said = material.sound[reach].astype(np.float64)
         lag = _lag(here.heard[at : at + WINDOW].astype(np.float64), said)
         if lag is not None:
             rows.append((heard_ns + WINDOW / 2 * 1e9 / SAMPLE_RATE, (SEARCH - lag) / 48))
@@ -71,7 +72,7 @@ def lips_ms(
     origin_ns, start = there.report["origin_ns"], there.report["settings"]["start"]
     delay = np.interp(here.seen_ns, delays[:, 0], delays[:, 1])
     heard = ((here.seen_ns - origin_ns) / 1e6 - delay) * FPS / 1e3 - 1 + start  # as a tick
-    found = []
+    found: list[float] = []
     for second in np.unique(here.seen_ns // NS):
         rows = np.flatnonzero(here.seen_ns // NS == second)
         if len(rows) < FPS // 2:

@@ -82,7 +82,8 @@ class Leg(asyncio.DatagramProtocol):
 
 async def open_line(line: LossyLine, seed: int, address: str = "127.0.0.1") -> tuple[Leg, Leg]:
     """Two legs; each end sends to its own."""
-    loop, legs = asyncio.get_running_loop(), []
+    loop = asyncio.get_running_loop()
+    legs: list[Leg] = []
     for side in range(2):
         chance = random.Random(2 * seed + side)
         _, leg = await loop.create_datagram_endpoint(

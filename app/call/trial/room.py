@@ -16,14 +16,16 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from app.call.core.call import new_identity
+from app.call.core.call import Call, new_identity
 from app.call.media.connection import bind_only
 from app.call.rooms import janus_server
 from app.call.rooms.janus import JanusRoom
 from app.call.rooms.janus_server import ServerSettings
 from app.call.rooms.listen import write_certificate
-from app.call.rooms.room import Events, LineSettings
+from app.call.rooms.room import LineSettings
+from app.call.trial.material import synthetic_material
 from app.call.trial.person import PersonSettings
+from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite
 from app.terminal.thresholds import at_least, at_most
 from sensors.types import InputError
@@ -189,7 +191,7 @@ async def together(people: Sequence[Visitor], patience_s: float) -> float:
 
 async def watched(people: Sequence[Visitor], seconds: float) -> float:
     """Share of that time in which everybody saw everybody."""
-    looks = []
+    looks: list[bool] = []
     for _ in range(int(seconds / LOOK_S)):
         looks.append(_all_see(people))
         await asyncio.sleep(LOOK_S)
@@ -203,23 +205,20 @@ async def refusals(invite: Invite) -> dict[str, str]:
         "no token": replace(invite, token="1,janus,janus.plugin.videoroom:AAAA"),
     }
     bind_only(HOST)
-    found = {}
+    found: dict[str, str] = {}
+    basis = synthetic_material(1, 0).basis
     for name, wrong in false.items():
-        nothing = Events(
-            packet=lambda *_: None,
-            seal=lambda message: message,
-            open=lambda data: ("", data),
-            message=lambda *_: None,
-            opened=lambda: None,
-            ready=lambda: False,
-            tell=lambda _: None,
-        )
-        room = JanusRoom(wrong, new_identity(), nothing, LineSettings())
+        hello = Hello(identity=new_identity(), name="Eve", basis=basis.number)
+        call = Call(wrong.secret, hello, basis, _nothing, _nothing, time.monotonic_ns)
+        room = JanusRoom(wrong, hello.identity, call.events(), LineSettings())
         try:
             await asyncio.wait_for(room.run(), 15)
         except (InputError, TimeoutError) as error:
             found[name] = str(error)
     return found
+
+
+def _nothing(*_: object) -> None: ...
 
 
 async def _listening(at: ServerSettings) -> None:

@@ -5,7 +5,7 @@ import json
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -98,21 +98,17 @@ async def _run(
     line: LossyLine, files: Sequence[Path], seconds: float, seed: int, ticks: int
 ) -> tuple[Leg, Leg]:
     legs = await open_line(line, seed)
-    common = {"material": str(files[0]), "seconds": seconds}
-    host = await _start(EndSettings(name="Ann", out=str(files[1]), leg=legs[0].port, **common))
+    material, ann, ben = map(str, files)
+    first = EndSettings(name="Ann", out=ann, leg=legs[0].port, material=material, seconds=seconds)
+    host = await _start(first)
     ends = [host]
     try:
         async with asyncio.timeout(seconds + WARM_UP_S + PATIENCE_S):
             invite = json.loads(await _line(host))["invite"]
-            settings = EndSettings(
-                name="Ben",
-                out=str(files[2]),
-                leg=legs[1].port,
-                invite=invite,
-                start=ticks // 3,
-                **common,
+            second = replace(
+                first, name="Ben", out=ben, leg=legs[1].port, invite=invite, start=ticks // 3
             )
-            ends.append(await _start(settings))
+            ends.append(await _start(second))
             told = await asyncio.gather(*(end.communicate() for end in ends))
         for end, (_, errors) in zip(ends, told, strict=True):
             if end.returncode:

@@ -5,13 +5,14 @@ nothing, and what may be sent or recorded follows from the states alone.
 import json
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
-from typing import Any
+from typing import Any, cast
 
 from app.call.wire.packet import VERSION, MalformedError
 
 MAX_HELLO = 4096  # bytes
 MAX_NAME = 40  # characters
 MAX_PEOPLE = 8
+SINGLE: tuple[object, ...] = (str, int, bool)  # types of fields that are no lists
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,21 +53,22 @@ def read_hello(data: bytes) -> Hello:
         raise MalformedError("hello: expected JSON") from None
     if not isinstance(given, dict):
         raise MalformedError("hello: expected an object")
+    given = cast(dict[str, Any], given)
     if given.get("version") != VERSION:
         got = str(given.get("version"))[:20]
         raise MalformedError(f"hello: expected version {VERSION}, got {got}; update both ends")
     return Hello(**{f.name: _checked(f.name, f.type, given) for f in fields(Hello)})
 
 
-def _checked(name: str, kind: object, given: Mapping[str, Any]) -> Any:
+def _checked(name: str, kind: Any, given: Mapping[str, Any]) -> Any:
     value = given.get(name)
     if name == "echoes":
         return _echoes(value)
-    if kind not in (str, int, bool):
-        if isinstance(value, list) and len(value) <= MAX_PEOPLE:
-            texts = [v for v in value if isinstance(v, str) and len(v) <= 64]
-            if len(texts) == len(value):
-                return tuple(texts)
+    if kind not in SINGLE:
+        items = _few(value)
+        texts = [v for v in items or () if isinstance(v, str) and len(v) <= 64]
+        if items is not None and len(texts) == len(items):
+            return tuple(texts)
     elif type(value) is kind:
         if isinstance(value, str):
             value = "".join(c for c in value if c.isprintable())[:64]
@@ -78,11 +80,19 @@ def _checked(name: str, kind: object, given: Mapping[str, Any]) -> Any:
 
 
 def _echoes(value: Any) -> tuple[tuple[str, int, int], ...]:
-    if isinstance(value, list) and len(value) <= MAX_PEOPLE:
-        rows = [tuple(row) for row in value if isinstance(row, list)]
-        if len(rows) == len(value) and all([type(v) for v in r] == [str, int, int] for r in rows):
-            return tuple((str(a)[:64], int(b), int(c)) for a, b, c in rows)
+    items = _few(value)
+    rows = [_few(row) or [] for row in items or ()]
+    if items is not None and all([type(v) for v in row] == [str, int, int] for row in rows):
+        return tuple((a[:64], b, c) for a, b, c in rows)
     raise MalformedError("hello: echoes: expected rows of identity and two times")
+
+
+def _few(value: object) -> list[Any] | None:
+    """A list of no more than as many as can be in a call; None for anything else."""
+    if not isinstance(value, list):
+        return None
+    items = cast(list[Any], value)
+    return items if len(items) <= MAX_PEOPLE else None
 
 
 def is_fresh(mine: Hello, theirs: Hello) -> bool:
