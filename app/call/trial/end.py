@@ -85,7 +85,8 @@ class Recorder:
         self._ticks: dict[int, np.ndarray] = {}
         self._origin_ns = self._first_heard_ns = 0
         self._cpu_s = self._wall_s = 0.0
-        self._sent_bytes = self._stalled = 0
+        self._sent_bytes = 0
+        self._stalls_ns: list[int] = []  # when the card had nothing to play
         self._judged = False
         self._partner: Mapping[str, Any] = {}
 
@@ -140,7 +141,8 @@ class Recorder:
         if time.monotonic_ns() - due_ns < STALL_NS:
             sound = call.pull(PULL, due_ns)
         else:  # the machine was busy elsewhere: sound cards go on, and had nothing to play
-            sound, self._stalled = np.zeros(PULL, np.float32), self._stalled + PULL
+            sound = np.zeros(PULL, np.float32)
+            self._stalls_ns.append(due_ns)
         if self._judged:
             self._heard.append(sound)
         if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
@@ -184,7 +186,7 @@ class Recorder:
             "held": self._face.counts.held,
             "cpu_share": self._cpu_s / self._wall_s,
             "sealed_kbps": self._sent_bytes * 8 / self._wall_s / 1e3,
-            "stalled_ms": self._stalled * 1e3 / SAMPLE_RATE,
+            "stalls_ns": self._stalls_ns,
             "origin_ns": self._origin_ns,
             "first_heard_ns": self._first_heard_ns,
             "settings": asdict(self._settings),

@@ -65,17 +65,21 @@ def lips_ms(
 ) -> NDArray[np.float64]:
     """[n] for each second in which the face moves: how much later it is than the sound, in ms.
 
-    It is the shift by which the poses of that second fit best what the other's face did.
+    It is the shift by which the poses of that second fit best what the other's face did. While the
+    machine stalls the card plays nothing, so there is no sound that the face could be early or late
+    to; `stalled_ms` of the report tells how much that was.
     """
     if not len(delays):
         return np.zeros(0)
     origin_ns, start = there.report["origin_ns"], there.report["settings"]["start"]
+    stalls_ns = np.array(here.report["stalls_ns"], np.int64)
     delay = np.interp(here.seen_ns, delays[:, 0], delays[:, 1])
     heard = ((here.seen_ns - origin_ns) / 1e6 - delay) * FPS / 1e3 - 1 + start  # as a tick
     found: list[float] = []
     for second in np.unique(here.seen_ns // NS):
         rows = np.flatnonzero(here.seen_ns // NS == second)
-        if len(rows) < FPS // 2:
+        stalled = np.abs(stalls_ns - (second + 0.5) * NS) < NS / 2 + WINDOW * NS / SAMPLE_RATE
+        if len(rows) < FPS // 2 or stalled.any():
             continue
         misses = np.array(
             [

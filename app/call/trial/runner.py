@@ -12,10 +12,11 @@ from typing import Any
 import numpy as np
 
 from app.call.trial import judge
-from app.call.trial.end import WARM_UP_S, EndSettings
+from app.call.trial.end import PULL, WARM_UP_S, EndSettings
 from app.call.trial.material import Material
 from app.call.trial.relay import Leg, LossyLine, open_line
 from app.terminal.thresholds import at_most
+from sensors.types import SAMPLE_RATE
 
 PATIENCE_S = 60.0  # beyond the call itself, for a busy machine
 
@@ -88,7 +89,7 @@ def _judge(here: judge.Found, there: judge.Found, material: Material) -> dict[st
         "held": report["held"] / report["due"] if report["due"] else nothing,
         "lips_ms": float(np.abs(lips).max()) if len(lips) else nothing,
         "lips_p50_ms": float(np.median(lips)) if len(lips) else nothing,
-        "stalled_ms": report["stalled_ms"],
+        "stalled_ms": len(report["stalls_ns"]) * PULL * 1e3 / SAMPLE_RATE,
         "cpu_share": report["cpu_share"],
         "lips_error_mm": judge.lips_error_mm(here, there, material),
     }

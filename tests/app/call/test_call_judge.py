@@ -1,0 +1,49 @@
+"""The judge of `call test` on sound and faces whose delays are known."""
+
+from typing import Any
+
+import numpy as np
+
+from app.call.trial import judge
+from app.call.trial.judge import Found
+from app.call.trial.material import synthetic_material
+from sensors.types import FPS, NS, SAMPLE_RATE
+
+MATERIAL = synthetic_material(12, 0)
+SECONDS = 8
+STILL = 3.0, 4.0  # seconds in which the card has nothing to play
+BEFORE_MS, AFTER_MS = 50.0, 150.0
+
+
+def found(face_ms: float, stalls_ns: list[int]) -> Found:
+    """Heard and seen from second 1 on: 50 ms late, and 150 ms after the card stood still; the face
+    is `face_ms` later than the sound."""
+    t = 1 + np.arange(SECONDS * SAMPLE_RATE) / SAMPLE_RATE
+    late = np.where(t < STILL[1], BEFORE_MS, AFTER_MS) / 1e3
+    sound = MATERIAL.sound[np.rint((t - late) * SAMPLE_RATE).astype(int)]
+    heard = np.where((t >= STILL[0]) & (t < STILL[1]), 0, sound).astype(np.float32)
+    looks = 1 + np.arange(SECONDS * FPS) / FPS
+    delay = np.where(looks < STILL[1], BEFORE_MS, AFTER_MS) + face_ms
+    seen = judge._between(MATERIAL, (looks - delay / 1e3) * FPS - 1)
+    report: dict[str, Any] = {"first_heard_ns": NS, "origin_ns": 0, "stalls_ns": stalls_ns}
+    report["settings"] = {"start": 0}
+    seen_ns = np.rint(looks * NS).astype(np.int64)
+    return Found(report, heard, seen_ns, seen, np.zeros(0, int), np.zeros((0, 256), np.float32))
+
+
+def lips(here: Found) -> np.ndarray:
+    there = found(0, [])
+    return judge.lips_ms(here, there, MATERIAL, judge.delays_ms(here, there, MATERIAL))
+
+
+def test_a_face_that_is_late_is_found_late() -> None:
+    for late_ms in (0.0, 12.0, -7.0):
+        assert abs(np.median(lips(found(late_ms, []))) - late_ms) < 1
+
+
+def test_where_the_card_stood_still_there_is_nothing_to_be_late_to() -> None:
+    """Red before: the delay was drawn as a line through the gap, and the face blamed for it."""
+    stalls_ns = [round(s * NS) for s in np.arange(*STILL, 0.005)]
+    assert np.abs(lips(found(0, []))).max() > 20
+    told = lips(found(0, stalls_ns))
+    assert len(told) >= SECONDS - 4 and np.abs(told).max() < 2
