@@ -33,7 +33,7 @@ from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 BLOCK = 480  # samples that the microphone delivers at a time
 PULL = 240  # samples that the loudspeaker asks for at a time
-STALL_NS = NS // 10
+STALL = SAMPLE_RATE // 10  # samples: whole blocks, pulls and ticks
 WARM_UP_S = 6.0  # of connecting and settling, not judged
 
 
@@ -86,6 +86,7 @@ class Recorder:
         self._origin_ns = self._first_heard_ns = 0
         self._cpu_s = self._wall_s = 0.0
         self._sent_bytes = 0
+        self._second = 0
         self._stalls_ns: list[int] = []  # when the card had nothing to play
         self._judged = False
         self._partner: Mapping[str, Any] = {}
@@ -111,7 +112,11 @@ class Recorder:
 
         def beat(now: int) -> None:
             """The sound card's: a timer alone, as a card costs no turn of a task."""
+            late = int((loop.time() - start_s) * SAMPLE_RATE) - now
+            missed = max(late, 0) // STALL * STALL
             try:
+                self._stand_still(now, missed)
+                now += missed
                 self._play_on(call, now)
             except Exception as error:  # nobody awaits a timer
                 played.set_exception(error)
@@ -138,18 +143,22 @@ class Recorder:
             self._begin(call)
         if now % BLOCK == 0 and now:
             call.speak(now - BLOCK, self._sound(now - BLOCK), due_ns - BLOCK * NS // SAMPLE_RATE)
-        if time.monotonic_ns() - due_ns < STALL_NS:
-            sound = call.pull(PULL, due_ns)
-        else:  # the machine was busy elsewhere: sound cards go on, and had nothing to play
-            sound = np.zeros(PULL, np.float32)
-            self._stalls_ns.append(due_ns)
+        sound = call.pull(PULL, due_ns)
         if self._judged:
             self._heard.append(sound)
         if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
             self._tick(call, now // SAMPLES_PER_FRAME - 1)
             self._look(call, due_ns)
-        if now % SAMPLE_RATE == 0:
+        if now // SAMPLE_RATE > self._second:
+            self._second = now // SAMPLE_RATE
             call.step()
+
+    def _stand_still(self, now: int, count: int) -> None:
+        """The machine was busy elsewhere: the card went on, with nothing to play or to hear."""
+        for at in range(now, now + count, PULL):
+            self._stalls_ns.append(self._origin_ns + at * NS // SAMPLE_RATE)
+            if self._judged:
+                self._heard.append(np.zeros(PULL, np.float32))
 
     def _begin(self, call: Call) -> None:
         """What came before is warm-up."""
