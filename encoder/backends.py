@@ -22,8 +22,8 @@ from sensors.types import InputError
 if TYPE_CHECKING:
     from encoder.audio.encoder import AudioEncoder
     from encoder.audio.live import AudioState
+    from encoder.denoiser.live import DenoiserState
     from encoder.denoiser.model import Denoiser
-    from encoder.denoiser.past import Past
     from encoder.nn.streaming import State as TensorState
 
 BackendName = Literal["auto", "onnx-int8", "onnx", "torch"]
@@ -75,7 +75,7 @@ class Backend(Protocol[State]):
 @dataclass(frozen=True, eq=False)
 class OnnxState:
     audio: AudioState
-    past: Past
+    past: DenoiserState
 
 
 class OnnxBackend:
@@ -161,10 +161,11 @@ def create_backend(
     networks: Networks, backend: BackendName = "auto", device: str = "cpu"
 ) -> Backend[Any]:
     """auto: torch on a GPU or for what the ONNX graph cannot express, else int8."""
-    from encoder.denoiser.live import runs_live
+    from encoder.denoiser.live import not_live
 
+    refusal = not_live(networks.config)
     if backend == "auto":
-        backend = "onnx-int8" if device == "cpu" and runs_live(networks.config) else "torch"
+        backend = "onnx-int8" if device == "cpu" and refusal is None else "torch"
     if backend == "torch":
         return TorchBackend(networks, device)
     if backend not in ("onnx", "onnx-int8") or device != "cpu":
@@ -172,9 +173,6 @@ def create_backend(
             f"backend: expected auto, torch, or onnx-int8 or onnx on the CPU, got {backend!r} on "
             f"{device!r}; use auto"
         )
-    if not runs_live(networks.config):
-        raise InputError(
-            f"backend {backend}: expected softmax attention, got {networks.config.attention!r}; "
-            'use backend "torch"'
-        )
+    if refusal is not None:
+        raise InputError(f'backend {backend}: {refusal}; use backend "torch"')
     return OnnxBackend(networks, int8=backend == "onnx-int8")

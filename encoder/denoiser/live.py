@@ -19,9 +19,14 @@ from encoder.types import Floats, Weights
 STALE = -1e9  # added to the score of a slot whose frame never was
 
 
-def runs_live(config: DenoiserConfig) -> bool:
-    """Can the graph express this denoiser? Else it runs in torch."""
-    return config.attention == "softmax" and config.causal
+DenoiserState = Past  # of LiveDenoiser; only this folder looks into it
+
+
+def not_live(config: DenoiserConfig) -> str | None:
+    """Why the graph cannot express this denoiser, which then runs in torch; None if it can."""
+    if config.attention != "softmax":
+        return f"expected softmax attention, got {config.attention!r}"
+    return None if config.causal else "expected a causal denoiser, got an offline one"
 
 
 class LiveDenoiser:
