@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from app.xr.scene import Scene
     from render.gl.contexts import GLContext
 
-NICENESS = 19  # where the CPU draws, the tick goes first
+NICENESS = 10  # where the CPU draws, the tick goes first
 
 
 def main() -> None:
