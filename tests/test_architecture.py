@@ -4,7 +4,7 @@ A ring is a ring, whoever makes it: imports inside a function or under `if TYPE_
 
 import ast
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -244,3 +244,47 @@ def test_a_class_name_has_one_meaning() -> None:
             for name in classes(path):
                 homes.setdefault(name, []).append(module_of(path))
     assert {name: found for name, found in homes.items() if len(found) > 1} == {}
+
+
+SAME_LINES = 6
+
+
+def logic(path: Path) -> list[tuple[int, str]]:
+    """The lines that count: no blanks, comments, imports or brackets alone."""
+    imported = {
+        number
+        for node in import_statements(path)
+        for number in range(node.lineno, (node.end_lineno or node.lineno) + 1)
+    }
+    rows = ((number, line.strip()) for number, line in enumerate(text(path).splitlines(), 1))
+    return [
+        (number, line)
+        for number, line in rows
+        if re.search(r"\w", line) and not line.startswith("#") and number not in imported
+    ]
+
+
+def repeats(paths: Iterable[Path]) -> list[str]:
+    """Where six lines stand that also stand elsewhere."""
+    first: dict[tuple[str, ...], str] = {}
+    found: list[str] = []
+    for path in paths:
+        rows = logic(path)
+        for k in range(len(rows) - SAME_LINES + 1):
+            number, run = rows[k][0], tuple(line for _, line in rows[k : k + SAME_LINES])
+            here = f"{path.parent.name}/{path.name}:{number}"
+            if first.setdefault(run, here) != here:
+                found.append(f"{here} repeats {first[run]}")
+    return found
+
+
+def test_no_two_places_share_six_lines() -> None:
+    assert repeats(SOURCES) == []
+
+
+def test_shared_lines_are_found(tmp_path: Path) -> None:
+    lines = [f"total += {k}" for k in range(SAME_LINES)]
+    (tmp_path / "a.py").write_text("\n".join(["import os", "x = 1", *lines]))
+    (tmp_path / "b.py").write_text("\n".join(["import os", "", *lines[:3], "# why", *lines[3:]]))
+    found = repeats([tmp_path / "a.py", tmp_path / "b.py"])
+    assert found == [f"{tmp_path.name}/b.py:3 repeats {tmp_path.name}/a.py:3"]

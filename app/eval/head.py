@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 from app.terminal.thresholds import at_least, at_most, finish
 from sensors import files
@@ -26,19 +27,13 @@ NOD_DEG, NOD_BACK_S = 1.2, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeadSettings:
+class HeadSettings(EvalSettings):
     """Measure how lively the head is: motion, brows, blinks and breath over a session."""
 
     session: Path = Path("recordings/demo")
     """Folder of the session."""
-    avatar: str = "ben"
-    """Avatar to measure on."""
-    seed: int = 0
-    """Seed of whatever is drawn at random."""
     plot: File = None
     """Write a plot of ten seconds, e.g. head.png."""
-    report: File = None
-    """Write the metrics as JSON."""
 
 
 def evaluate(settings: HeadSettings) -> None:

@@ -38,6 +38,7 @@ def run_eye_stage(settings: TrainSettings, run: "RunSettings") -> None:
 
     out = settings.out or WEIGHTS
     steps: dict[str, Any] = {} if settings.steps is None else {"steps": settings.steps}
+    of_eyes = {"pictures": settings.data, "output": out / "eyes", "run": run, **steps}
     if settings.stage == "gaze":
         graph = gaze_graph.build(*gaze_source(GAZE_MINUTES, settings.seed))
         graph.save(settings.out / "gaze_graph.npz" if settings.out else gaze_graph.GRAPH)
@@ -46,28 +47,12 @@ def run_eye_stage(settings: TrainSettings, run: "RunSettings") -> None:
         from encoder.training.stages import eyes
 
         start = settings.start / "eyes" if settings.start else None
-        config = eyes.preset(
-            settings.preset,
-            pictures=settings.data,
-            start=start,
-            output=out / "eyes",
-            run=run,
-            **steps,
-        )
-        eyes.run(config)
+        eyes.run(eyes.preset(settings.preset, start=start, **of_eyes))
     elif settings.stage == "wide-eyes":
         from encoder.training.stages import wide_eyes
 
         start = (settings.start or WEIGHTS) / "eyes"
-        config = wide_eyes.preset(
-            settings.preset,
-            pictures=settings.data,
-            start=start,
-            output=out / "eyes",
-            run=run,
-            **steps,
-        )
-        wide_eyes.run(config)
+        wide_eyes.run(wide_eyes.preset(settings.preset, start=start, **of_eyes))
     else:
         from app.face.losses import face
         from encoder.training.stages import multimodal

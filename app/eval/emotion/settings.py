@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 
 # rows: trained models, and the neutral one's lips in the rules' style (see laid_over)
@@ -9,7 +10,7 @@ FINE_TUNED, SHIPPED, RULES = "fine-tuned", "zero convolutions", "rules over neut
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmotionSettings:
+class EmotionSettings(EvalSettings):
     """Evaluate emotions on held-out subjects: recognised, in sync, smooth."""
 
     weights: File = None
@@ -18,11 +19,5 @@ class EmotionSettings:
     """At most so many neutral takes (200 frames of each) and 100-frame segments of real voices."""
     samples: int = 2
     """Samples drawn for each."""
-    avatar: str = "ben"
-    """Avatar to measure on."""
-    seed: int = 0
-    """Seed of whatever is drawn at random."""
-    report: File = None
-    """Write the metrics as JSON."""
     pictures: File = None
     """Folder for pictures: frames of every emotion, confusion tables."""

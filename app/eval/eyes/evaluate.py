@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ WALK_MINUTES = 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
-class EyesSettings:
+class EyesSettings(EvalSettings):
     """Evaluate gaze, lids, blinks, lost cameras and the upper face."""
 
     clips: int = 24
@@ -34,14 +35,8 @@ class EyesSettings:
     """Folder of real near-eye videos, with a labels.json or file names that shipped labels know."""
     sheet: File = None
     """Folder for sheets of eye pictures with predicted gaze and lid."""
-    avatar: str = "ben"
-    """Avatar to measure on."""
     weights: File = None
     """Folder with weights; default: the shipped ones."""
-    seed: int = 0
-    """Seed of whatever is drawn at random."""
-    report: File = None
-    """Write the metrics as JSON."""
 
 
 def evaluate(settings: EyesSettings) -> None:

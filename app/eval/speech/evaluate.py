@@ -16,11 +16,12 @@ if TYPE_CHECKING:
     from encoder.evaluation.rows import Row, Segment
 
 
+from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 
 
 @dataclass(frozen=True, kw_only=True)
-class SpeechSettings:
+class SpeechSettings(EvalSettings):
     """Evaluate audio encoder, teacher and student on held-out clips, silence and noise."""
 
     weights: File = None
@@ -40,12 +41,6 @@ class SpeechSettings:
     without them (`livedrive train distill --leave-out TALKER`)."""
     mocap: File = None
     """Folder of tracked faces, for --leave-one-out."""
-    avatar: str = "ben"
-    """Avatar to measure on."""
-    seed: int = 0
-    """Seed of whatever is drawn at random."""
-    report: File = None
-    """Write the metrics as JSON."""
     plots: File = None
     """Folder for plots: loss curves, and the error over a constant shift."""
 
