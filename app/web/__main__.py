@@ -2,6 +2,7 @@
 
 import json
 import logging
+from datetime import UTC, datetime
 
 from app.process import child
 from app.process.channel import Channel
@@ -19,7 +20,7 @@ def main() -> None:
     try:
         from app.web.server import WebServer
 
-        child.run(WebServer(info, end).run())
+        child.run(WebServer(info, end, datetime.now(UTC).timestamp()).run())
         end.close()
     except ImportError as error:
         problem = f"web: expected aiohttp and cryptography, got {error}; "

@@ -10,7 +10,6 @@ import mimetypes
 import socket
 import ssl
 import time
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -50,8 +49,9 @@ HEADERS = {
 class WebServer:
     """Runs until the loop's end of the socket closes."""
 
-    def __init__(self, info: ServerInfo, end: Channel) -> None:
-        self._info, self._end = info, end
+    def __init__(self, info: ServerInfo, end: Channel, now_s: float) -> None:
+        """`now_s`: Unix time, for the dates of a certificate."""
+        self._info, self._end, self._now_s = info, end, now_s
         self._listener = self._listen()
         self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
@@ -125,7 +125,7 @@ class WebServer:
 
     def _tls(self) -> ssl.SSLContext:
         hosts = [*self._hosts(), "localhost", "127.0.0.1", socket.gethostname()]
-        paths = certificate.ensure(certificate.folder(), hosts, datetime.now(UTC).timestamp())
+        paths = certificate.ensure(certificate.folder(), hosts, self._now_s)
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
             context.load_cert_chain(*paths)
