@@ -27,6 +27,7 @@ TRUTH = "made by rules; pictures rendered by the capture stage"
 OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
 NEAR, WIDE = 0.35, 0.5  # relative gaze is fitted up to these sines (20 degrees), from this lid on
 RELATIVE_RIDGE = 10.0
+LID = 2  # of the heads' rows: gaze, lid, validity, rig
 TEST_SHARE = 10  # every tenth subject is never trained on
 
 
@@ -113,6 +114,7 @@ def run(config: EyesConfig) -> dict[str, float]:
     net.eval()
     fit_spreads(net, train)
     fit_relative(net, train)
+    fit_lid(net, train)
     if len(test.lids):
         metrics |= judge(net, test)
     card = {
@@ -191,6 +193,20 @@ def fit_relative(net: EyeNet, data: EyePictures, count: int = 80_000) -> None:
     weight = np.linalg.solve(x.T @ x + RELATIVE_RIDGE * np.eye(x.shape[1]), x.T @ y)
     bias = (gaze - features @ weight).mean(0)
     net.relative.copy_(torch.from_numpy(np.concatenate([weight, bias[None]])))
+
+
+@torch.no_grad()
+def fit_lid(net: EyeNet, data: EyePictures, count: int = 80_000, rounds: int = 12) -> None:
+    """Least absolute error of the opening on the features of pictures as they were rendered."""
+    data = data.where(_some_people(data, count))
+    features = predict(net, standard(torch.from_numpy(data.pictures).float()))[0]
+    x = np.concatenate([features, np.ones((len(features), 1))], 1).astype(np.float64)
+    row = np.append(net.heads.weight[LID].numpy(), float(net.heads.bias[LID])).astype(np.float64)
+    for _ in range(rounds):  # least squares, weighted by what was left
+        weight = 1 / np.maximum(np.abs(x @ row - data.lids), 1e-3)
+        row = np.linalg.solve((x * weight[:, None]).T @ x, (x * weight[:, None]).T @ data.lids)
+    net.heads.weight[LID] = torch.from_numpy(row[:-1])
+    net.heads.bias[LID] = float(row[-1])
 
 
 def _some_people(data: EyePictures, count: int) -> np.ndarray:
