@@ -13,9 +13,11 @@ from numpy.typing import NDArray
 from app.call.trial.material import Material
 from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
-WINDOW = SAMPLE_RATE // 2  # samples of sound that are found in what was said
+WINDOW = SAMPLE_RATE // 4  # samples of sound that are found in what was said
 SEARCH = SAMPLE_RATE // 2  # samples later than it was said at most
 ALIKE = 0.5  # correlation from which a window counts
+SPEEDS = np.linspace(0.98, 1.02, 17)  # at which sound is played while its delay adapts
+PART = round(WINDOW * 0.96)  # samples of a window that are there at every speed
 STEP_MS = 2.0
 SHIFTS_MS = np.arange(-120, 120 + STEP_MS, STEP_MS)  # of the face that are tried
 CLEAR = 0.5  # of the median miss: a face that hardly moves fits everywhere and tells no time
@@ -48,15 +50,16 @@ def delays_ms(here: Found, there: Found, material: Material) -> NDArray[np.float
     start = there.report["settings"]["start"] * SAMPLES_PER_FRAME
     first_ns, origin_ns = here.report["first_heard_ns"], there.report["origin_ns"]
     rows: list[tuple[float, float]] = []
-    for at in range(0, len(here.heard) - WINDOW + 1, WINDOW // 2):
+    for at in range(0, len(here.heard) - WINDOW + 1, WINDOW):
         heard_ns = first_ns + at * 1e9 / SAMPLE_RATE
         said_by_now = round((heard_ns - origin_ns) * SAMPLE_RATE / 1e9)
         first = said_by_now - SEARCH + start
         reach = (first + np.arange(SEARCH + WINDOW, dtype=np.int64)) % len(material.sound)
         said = material.sound[reach].astype(np.float64)
-        lag = _lag(here.heard[at : at + WINDOW].astype(np.float64), said)
+        lag = _middle(here.heard[at : at + WINDOW].astype(np.float64), said)
         if lag is not None:
-            rows.append((heard_ns + WINDOW / 2 * 1e9 / SAMPLE_RATE, (SEARCH - lag) / 48))
+            late_ms = (SEARCH + WINDOW / 2 - lag) * 1e3 / SAMPLE_RATE
+            rows.append((heard_ns + WINDOW / 2 * 1e9 / SAMPLE_RATE, late_ms))
     return np.array(rows, np.float64).reshape(-1, 2)
 
 
@@ -65,19 +68,20 @@ def lips_ms(
 ) -> NDArray[np.float64]:
     """[n] for each second in which the face moves: how much later it is than the sound, in ms.
 
-    It is the shift by which the poses of that second fit best what the other's face did. While the
-    machine stalls the card plays nothing, so there is no sound that the face could be early or late
-    to; `stalled_ms` of the report tells how much that was.
+    It is the shift by which the poses of that second fit best what the other's face did. Where no
+    sound is found there is nothing that the face could be early or late to: in silence, and while
+    the machine stalls (`stalled_ms` of the report), when the card plays nothing.
     """
     if not len(delays):
         return np.zeros(0)
     origin_ns, start = there.report["origin_ns"], there.report["settings"]["start"]
     stalls_ns = np.array(here.report["stalls_ns"], np.int64)
     delay = np.interp(here.seen_ns, delays[:, 0], delays[:, 1])
+    sounds = np.abs(here.seen_ns[:, None] - delays[:, 0]).min(1) <= WINDOW * NS / SAMPLE_RATE
     heard = ((here.seen_ns - origin_ns) / 1e6 - delay) * FPS / 1e3 - 1 + start  # as a tick
     found: list[float] = []
     for second in np.unique(here.seen_ns // NS):
-        rows = np.flatnonzero(here.seen_ns // NS == second)
+        rows = np.flatnonzero((here.seen_ns // NS == second) & sounds)
         stalled = np.abs(stalls_ns - (second + 0.5) * NS) < NS / 2 + WINDOW * NS / SAMPLE_RATE
         if len(rows) < FPS // 2 or stalled.any():
             continue
@@ -100,19 +104,28 @@ def lips_error_mm(here: Found, there: Found, material: Material) -> float:
     return float(np.linalg.norm(error.reshape(-1, 3), axis=1).max(initial=0))
 
 
-def _lag(heard: NDArray[np.float64], said: NDArray[np.float64]) -> float | None:
-    """At which sample of `said` `heard` begins, to a fraction; None where they are not alike."""
-    heard, said = (x[1:] - SHARPEN * x[:-1] for x in (heard, said))
-    size = 1 << (len(said) + len(heard) - 1).bit_length()
-    product = np.fft.irfft(np.fft.rfft(said, size) * np.conj(np.fft.rfft(heard, size)), size)
-    product = product[: len(said) - len(heard) + 1]
+def _middle(heard: NDArray[np.float64], said: NDArray[np.float64]) -> float | None:
+    """At which sample of `said` the middle of `heard` [WINDOW] is; None where they are not alike.
+
+    While the delay adapts, sound is faster or slower by up to 2 %: 5 ms within a window, which a
+    search at one speed does not find, or finds elsewhere."""
+    size = 1 << (len(said) + PART - 1).bit_length()
+    said = said[1:] - SHARPEN * said[:-1]
+    spectrum = np.fft.rfft(said, size)
     squares = np.concatenate([[0], np.cumsum(said * said)])
-    energy = squares[len(heard) :] - squares[: -len(heard)]
-    alike = product / np.sqrt(np.maximum(energy * (heard @ heard), 1e-9))
-    best = int(alike.argmax())
-    if alike[best] < ALIKE or not 0 < best < len(alike) - 1:
-        return None
-    return best + _vertex(*alike[best - 1 : best + 2])
+    energy = squares[PART - 1 :] - squares[: 1 - PART]
+    most, middle = ALIKE, None
+    for speed in SPEEDS:
+        at = len(heard) / 2 + (np.arange(PART, dtype=np.float64) - PART / 2) / float(speed)
+        played = np.interp(at, np.arange(len(heard), dtype=np.float64), heard)
+        here = played[1:] - SHARPEN * played[:-1]
+        product = np.fft.irfft(spectrum * np.conj(np.fft.rfft(here, size)), size)[: len(energy)]
+        alike = product / np.sqrt(np.maximum(energy * (here @ here), 1e-9))
+        best = int(alike.argmax())
+        if alike[best] > most and 0 < best < len(alike) - 1:
+            most = float(alike[best])
+            middle = best + PART / 2 + _vertex(*alike[best - 1 : best + 2])
+    return middle
 
 
 def _between(material: Material, ticks: NDArray[np.float64]) -> NDArray[np.float64]:
