@@ -115,6 +115,7 @@ def test_resumes_from_its_state_and_never_writes_it(backend: BackendName) -> Non
     assert np.array_equal(np.concatenate([first, rest]), whole)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_every_state_may_be_kept_and_stepped_from_again(backend: BackendName) -> None:
     """The K/V ring is written in place, so this is what could go wrong, within and past a block."""

@@ -134,6 +134,7 @@ def test_another_basis_is_refused_by_name() -> None:
         other.open(PACKER.message([PACKER.fields(tick())], 0, 0))
 
 
+@pytest.mark.slow
 def test_lips_stay_within_50_micrometres_and_a_whole_jaw_fits() -> None:
     from render.decoder.decoder import Decoder
 

@@ -53,6 +53,7 @@ class FaceCalls:
         return self.result
 
 
+@pytest.mark.slow
 def test_the_extension_is_asked_as_it_wants_to_be(monkeypatch: pytest.MonkeyPatch) -> None:
     import xr
 

@@ -190,6 +190,7 @@ def test_a_second_head_takes_the_place_of_the_first(folder: Path) -> None:
     assert model.contact.listen.out_features == 5
 
 
+@pytest.mark.slow
 def test_what_extends_the_student_follows_it(folder: Path) -> None:
     sha = checkpoint.load(folder / "student", "student")[1]["sha256"]
     cards = {

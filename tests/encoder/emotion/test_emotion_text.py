@@ -56,6 +56,7 @@ def test_a_folder_without_a_model_is_said(tmp_path: Path) -> None:
         clip_embed(tmp_path)
 
 
+@pytest.mark.slow
 def test_a_clip_model_from_a_folder(tmp_path: Path) -> None:
     """A tiny one with random weights: it loads, and texts become unit rows."""
     pytest.importorskip("transformers")

@@ -75,6 +75,7 @@ def test_missing_and_odd_pictures_are_one_line(tmp_path: Path) -> None:
         EyePictures.load(tmp_path)
 
 
+@pytest.mark.slow
 def test_stage_writes_and_resumes(folder: Path, tmp_path: Path) -> None:
     config = eyes.preset(
         "debug",
@@ -103,6 +104,7 @@ def test_going_on_keeps_what_finds_and_measures_eyes(folder: Path, tmp_path: Pat
     assert others <= kept and "project.weight" not in kept
 
 
+@pytest.mark.slow
 def test_learns_drawn_eyes(folder: Path) -> None:
     """Gaze and lid of a handful of pictures, without distortions."""
     torch.manual_seed(0)

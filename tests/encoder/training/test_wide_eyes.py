@@ -135,6 +135,7 @@ def test_every_loss_sees_its_target(folder: Path) -> None:
     assert learned == {"finder", "meter"}
 
 
+@pytest.mark.slow
 def test_the_stage_changes_nothing_that_students_know(folder: Path, tmp_path: Path) -> None:
     made = net()
     card = {"kind": "eyes", "config": asdict(made.config)}

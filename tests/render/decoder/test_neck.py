@@ -37,6 +37,7 @@ def along(decoder: Decoder, name: str) -> np.ndarray:  # [N] of the skin's Gauss
     return share
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ada", "hugo", "lena"])
 @pytest.mark.parametrize("turn", TURNS.values(), ids=TURNS)
 def test_the_head_is_rigid_and_the_shoulders_stay(decoder, name, turn) -> None:  # type: ignore[no-untyped-def]

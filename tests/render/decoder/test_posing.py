@@ -115,6 +115,7 @@ def test_the_highlight_stays_on_the_cornea(decoder):
     assert posing.gaze_rotation(AHEAD[0]).shape == (3, 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", identity.names())
 def test_a_lid_covers_the_highlight(decoder, name):
     """It lies before the cornea, and so before the lid that slides over it."""

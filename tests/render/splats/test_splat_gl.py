@@ -53,6 +53,7 @@ def test_head_equals_reference(gl_renderer, camera):
     assert picture[..., 3].max() > 250 and picture[0, 0, 3] == 0  # a head over the background
 
 
+@pytest.mark.slow
 def test_osmesa_equals_reference_and_egl(tiles, tmp_path):
     """OSMesa runs in its own process: two GL libraries in one do not mix."""
     out = tmp_path / "osmesa.npy"

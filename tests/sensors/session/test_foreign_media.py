@@ -54,6 +54,7 @@ def test_sound_of_a_phone_becomes_a_session(tmp_path: Path, suffix: str, codec: 
     assert np.argmax(spectrum) * SAMPLE_RATE / len(middle) == pytest.approx(300, abs=2)
 
 
+@pytest.mark.slow
 def test_one_video_of_both_eyes_is_split(tmp_path: Path) -> None:
     sound = phone_sound(tmp_path / "a.m4a", "aac")
     session.create(tmp_path / "s", sound, [both_eyes(tmp_path / "both.mkv")])

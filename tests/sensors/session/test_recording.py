@@ -112,6 +112,7 @@ def test_sample_looks_backward_only(tmp_path: Path) -> None:
         stream.sample(0, method="nearest")  # type: ignore[arg-type]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("written_s", [0.05, 0.4, 1.1])
 def test_kill_9_loses_at_most_100_ms(tmp_path: Path, written_s: float) -> None:
     folder = tmp_path / "s"

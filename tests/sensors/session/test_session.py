@@ -19,6 +19,7 @@ def values(folder: Path, eye: int) -> list[int]:
     return [-1 if f.eyes is None else int(f.eyes[eye, 200, 200]) for f in frames(folder)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("eye_codec", ["ffv1", "x264"])
 def test_picture_k_is_seen_by_frame_k(tmp_path: Path, eye_codec: str) -> None:
     eyes = [video(tmp_path / "l.mkv", 45), video(tmp_path / "r.mp4", 45, codec="libx264")]
