@@ -42,11 +42,13 @@ def lips(here: Found) -> np.ndarray:
     return judge.lips_ms(here, there, MATERIAL, judge.delays_ms(here, there, MATERIAL))
 
 
+@pytest.mark.slow
 def test_a_face_that_is_late_is_found_late() -> None:
     for late_ms in (12.0, -7.0):
         assert abs(np.median(lips(found(late_ms, []))) - late_ms) < 1
 
 
+@pytest.mark.slow
 def test_where_the_card_stood_still_there_is_nothing_to_be_late_to() -> None:
     """Red before: the delay was drawn as a line through the gap, and the face blamed for it."""
     stalls_ns = [round(s * NS) for s in np.arange(*STILL, 0.005)]
@@ -54,6 +56,7 @@ def test_where_the_card_stood_still_there_is_nothing_to_be_late_to() -> None:
     assert len(told) >= SECONDS - 4 and np.abs(told).max() < 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [0.98, 1.012, 1.02])
 def test_the_delay_is_found_while_it_adapts(speed: float) -> None:
     """Red before: within a window that is played 2 % slower the sound was not found, or elsewhere,

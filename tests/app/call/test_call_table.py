@@ -91,6 +91,7 @@ def test_a_partner_names_no_file_of_this_machine(tmp_path: Path) -> None:
     Company(decoder, seats).around(own, S)  # opening it would raise
 
 
+@pytest.mark.slow
 def test_partners_are_drawn_and_the_own_head_is_small() -> None:
     decoder = Decoder.load(gaussians="16k")
     _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))

@@ -140,6 +140,7 @@ def test_own_takes_become_a_subject(tmp_path):
     assert take.clip.num_frames == 96
 
 
+@pytest.mark.slow
 def test_grid_clips_get_their_phones_where_they_are_said(tmp_path):
     said = speak_flite("bin blue at f two now", "slt")
     sound = np.concatenate([np.zeros(24_000, np.float32), said.audio, np.zeros(24_000, np.float32)])

@@ -92,6 +92,7 @@ def test_a_late_mouth_errs_least_when_compared_later():
     assert eval_plots.SHIFTS[int(np.argmin(errors))] == 2
 
 
+@pytest.mark.slow
 def test_plots_are_written(tmp_path):
     pytest.importorskip("matplotlib")
     card = {"curve": {"step": [1, 2], "total": [2.0, 1.0]}}

@@ -50,6 +50,7 @@ def opening(model: Denoiser, x0: torch.Tensor) -> torch.Tensor:
     return gaps(model.unstandardise(x0))[..., 0, 1]
 
 
+@pytest.mark.slow
 def test_a_new_head_changes_nothing_and_measures_millimetres() -> None:
     model = student()
     head = contact.new_head(model, FACE, 8)

@@ -91,6 +91,7 @@ def test_stage_writes_and_resumes(folder: Path, tmp_path: Path) -> None:
     assert np.isfinite(reading.features).all()
 
 
+@pytest.mark.slow
 def test_going_on_keeps_what_finds_and_measures_eyes(folder: Path, tmp_path: Path) -> None:
     run = loop.RunSettings(state=tmp_path / "state")
     first = eyes.preset("debug", pictures=folder, output=tmp_path / "first", run=run)

@@ -94,6 +94,7 @@ def run_window(environment: dict[str, str], *prefix: str) -> subprocess.Complete
     return subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_window_opens_on_a_virtual_screen():
     done = run_window(dict(os.environ, PYTHONPATH=str(ROOT)), "xvfb-run", "-a")
     assert done.returncode == 0 and done.stdout.strip(), done.stderr

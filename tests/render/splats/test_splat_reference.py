@@ -45,6 +45,7 @@ def test_faint_contributions_are_cut_off():
     assert coverage[coverage > 0.0].min() >= 1.0 / 255.0
 
 
+@pytest.mark.slow
 def test_a_strand_is_as_dark_from_afar_as_it_is_near():
     """The filter makes a hair wider than it is: it fades by as much. Discs do not."""
     hair = single(TARGET, 0.3, 0.9, (0.0, 0.0, 0.0))

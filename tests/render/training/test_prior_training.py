@@ -100,6 +100,7 @@ def test_the_networks_go_on_where_they_stopped(tmp_path: Path, monkeypatch: pyte
     assert learn.changes(resumed, data).shape == (6, atlas.HEIGHT * atlas.WIDTH, 2)
 
 
+@pytest.mark.slow
 def test_the_debug_preset_has_steps_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(learn, "BATCH", 1)
     data, steps = examples(4), prior.PRESETS["debug"].steps

@@ -57,6 +57,7 @@ def listen(microphone: Microphone, seconds: float) -> list[AudioPacket]:
     return packets
 
 
+@pytest.mark.slow
 def test_what_is_played_arrives_bit_for_bit(server: PulseServer, running: Microphone) -> None:
     """On a machine that stalls the player itself may run dry, so it may play up to six times."""
     rng = np.random.default_rng(1)
@@ -142,6 +143,7 @@ def test_a_microphone_that_goes_comes_back_with_its_count(
     assert running.problem == ""
 
 
+@pytest.mark.slow
 def test_a_loss_without_a_flag_is_seen_by_the_clock(
     server: PulseServer, running: Microphone, monkeypatch: pytest.MonkeyPatch
 ) -> None:

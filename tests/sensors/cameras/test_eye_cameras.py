@@ -146,6 +146,7 @@ def test_openiris_over_a_serial_line_and_through_noise(start: Start) -> None:
         line.close()
 
 
+@pytest.mark.slow
 def test_one_lost_eye_leaves_the_other_and_the_tick_alone(server: MjpegServer) -> None:
     clock = MonotonicClock()
     dead = MjpegServer(FILM)
@@ -165,6 +166,7 @@ def test_one_lost_eye_leaves_the_other_and_the_tick_alone(server: MjpegServer) -
     assert {p.eye for p in seen} == {0}
 
 
+@pytest.mark.slow
 def test_recorded_eyes_play_as_if_live(tmp_path: Path, start: Start) -> None:
     path = video(tmp_path / "eye.mkv", 10)
     (camera,) = cameras([f"file:{path}#eye=left"], MonotonicClock())

@@ -56,6 +56,7 @@ def test_source_contract(folder: Path) -> None:
     assert all(same_packet(a, b) for a, b in zip(fast, packets(0.7), strict=True))
 
 
+@pytest.mark.slow
 def test_fast_and_real_time_give_the_same_frames(folder: Path) -> None:
     live = Assembler()  # what the live run saw while it recorded
     for packet in packets(0.7):
