@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from app.call.wire.agreement import (
@@ -89,7 +89,6 @@ json_values = st.recursive(
 )
 
 
-@settings(deadline=None)  # a busy machine is slow
 @given(st.binary(max_size=200) | json_values.map(lambda v: json.dumps(v).encode()))
 def test_anything_else_is_refused_in_one_line(data: bytes) -> None:
     with pytest.raises(MalformedError) as caught:
@@ -98,7 +97,6 @@ def test_anything_else_is_refused_in_one_line(data: bytes) -> None:
 
 
 @pytest.mark.slow
-@settings(deadline=None)
 @given(st.sampled_from(sorted(asdict(ANN))), json_values)
 def test_a_hello_with_one_wrong_field_is_refused_or_whole(field: str, value: object) -> None:
     given_fields = asdict(ANN) | {field: value}
