@@ -1,5 +1,6 @@
 """What every call to OpenXR shares: the library when it is needed, and its errors in our words."""
 
+import ctypes
 import os
 from collections.abc import Generator
 from contextlib import contextmanager
@@ -31,6 +32,14 @@ def extensions() -> set[str]:
             f"--xr: expected an OpenXR runtime, got none ({_words(error)}); {START}"
         ) from None
     return {each.extension_name.decode() for each in found}
+
+
+def of_system(instance: Any, system: Any, properties: Any) -> Any:
+    """An extension's structure of properties, filled in for the headset that is here."""
+    xr = library()
+    found = xr.SystemProperties(next=ctypes.cast(ctypes.pointer(properties), ctypes.c_void_p))
+    xr.raw_functions.xrGetSystemProperties(instance, system, ctypes.byref(found))
+    return properties
 
 
 @contextmanager

@@ -3,7 +3,7 @@
 import ctypes
 from typing import Any
 
-from app.xr.runtimes.calls import library
+from app.xr.runtimes.calls import library, of_system
 from sensors.types import FACE_DIM
 
 FACE = "XR_FB_face_tracking2"
@@ -13,10 +13,7 @@ Weights = tuple[float, ...]
 
 def sees_faces(instance: Any, system: Any) -> bool:
     """Whether cameras of the headset that is here see the face."""
-    xr = library()
-    faces = xr.SystemFaceTrackingProperties2FB()
-    found = xr.SystemProperties(next=ctypes.cast(ctypes.pointer(faces), ctypes.c_void_p))
-    xr.raw_functions.xrGetSystemProperties(instance, system, ctypes.byref(found))
+    faces = of_system(instance, system, library().SystemFaceTrackingProperties2FB())
     return bool(faces.supports_visual_face_tracking)
 
 

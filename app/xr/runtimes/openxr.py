@@ -4,7 +4,7 @@ import contextlib
 from typing import TYPE_CHECKING, Any
 
 from app.xr.runtimes import graphics
-from app.xr.runtimes.calls import START, extensions, library, told
+from app.xr.runtimes.calls import START, extensions, library, of_system, told
 from app.xr.runtimes.face import FACE, Face, sees_faces
 from app.xr.runtimes.gaze import GAZE, Gaze
 from app.xr.runtimes.protocol import NoRuntimeError
@@ -84,10 +84,5 @@ def _instance(names: list[str]) -> Any:
 
 def _sees_eyes(instance: Any, system: Any) -> bool:
     """Whether the headset that is here tracks eyes."""
-    import ctypes
-
-    xr = library()
-    eyes = xr.SystemEyeGazeInteractionPropertiesEXT()
-    found = xr.SystemProperties(next=ctypes.cast(ctypes.pointer(eyes), ctypes.c_void_p))
-    xr.raw_functions.xrGetSystemProperties(instance, system, ctypes.byref(found))
+    eyes = of_system(instance, system, library().SystemEyeGazeInteractionPropertiesEXT())
     return bool(eyes.supports_eye_gaze_interaction)
