@@ -20,6 +20,7 @@ from encoder.eyes.format import PRESETS as NETS
 from encoder.eyes.network import EyeNet
 from encoder.nn import checkpoint
 from encoder.training import loop
+from encoder.training.checkpoints import load_eye_net
 from encoder.training.presets import Presets
 from encoder.training.streams.eye_pictures import EyePictures, augmented, standard
 
@@ -135,9 +136,8 @@ def started(config: EyesConfig) -> tuple[EyeNet, dict[str, Any]]:
     """The network to train, and what the card says of the parts that are not."""
     if config.start is None:
         return EyeNet(config.net), {}
-    tensors, card = checkpoint.load(config.start, "eyes")
-    net = EyeNet(checkpoint.config_from(EyeNetConfig, card["config"]))
-    net.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
+    net, card = load_eye_net(config.start)
+    net.train()  # its batch norms learn on
     for part in (net.finder, net.meter):
         part.requires_grad_(False)
     return net, {"started_from": card["sha256"]} | {k: card[k] for k in ("wide",) if k in card}

@@ -15,11 +15,11 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from encoder.eyes.format import GAZE_UNIT, EyeNetConfig
+from encoder.eyes.format import GAZE_UNIT
 from encoder.eyes.network import EyeNet
 from encoder.nn import checkpoint
-from encoder.nn.checkpoint import config_from
 from encoder.training import loop
+from encoder.training.checkpoints import load_eye_net
 from encoder.training.stages.eyes import OPEN_ENOUGH
 from encoder.training.streams.wide_eyes import BatchCounts, WideBatch, WidePictures, draw
 
@@ -101,9 +101,8 @@ def run(config: WideEyesConfig) -> dict[str, float]:
     """Train and write the encoder with its card."""
     torch.manual_seed(config.run.seed)
     data = WidePictures.load(config.pictures)
-    tensors, card = checkpoint.load(config.start, "eyes")
-    net = EyeNet(config_from(EyeNetConfig, card["config"]))
-    net.load_state_dict({name: torch.from_numpy(array) for name, array in tensors.items()})
+    net, card = load_eye_net(config.start)
+    net.train()  # its batch norms learn on
     net.meter.convs.load_state_dict(net.convs.state_dict())
     net.meter.norms.load_state_dict(net.norms.state_dict())
 
