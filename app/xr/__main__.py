@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from app.xr.scene import Scene
     from render.gl.contexts import GLContext
 
-NICENESS = 10  # where the CPU draws, the tick goes first
-
 
 def main() -> None:
     """Show the head until the run ends; why that cannot be is left in the shared memory."""
@@ -30,8 +28,8 @@ def main() -> None:
         from app.xr.scene import Scene
 
         scene = Scene(context, info)
-        if context.software:
-            child.lower_priority(NICENESS)
+        if context.software:  # where the CPU draws, the tick goes first
+            child.run_when_idle()
         return scene
 
     try:
