@@ -1,7 +1,14 @@
-"""Options of the whole suite."""
+"""Options of the whole suite, and what tests of more than one package share."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from render.decoder.decoder import Decoder
 
 settings.register_profile("suite", deadline=None)  # a busy machine is slow
 settings.load_profile("suite")
@@ -13,3 +20,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         action="store_true",
         help="write tests/golden anew from what is drawn now; refuses a dirty tree",
     )
+
+
+@pytest.fixture(scope="session")
+def decoder() -> Decoder:
+    """The shipped decoder; loading it takes a second, so a process loads it once."""
+    from render.decoder.decoder import Decoder
+
+    return Decoder.load()

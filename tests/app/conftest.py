@@ -1,4 +1,4 @@
-"""What many tests of the app share: the decoder, one person, a renderer."""
+"""What many tests of the app share: one person, a renderer."""
 
 from collections.abc import Iterator
 
@@ -6,15 +6,9 @@ import pytest
 from web_client import AVATAR
 
 from render.decoder import identity
-from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.splats.renderer import create_renderer
 from render.types import Renderer
-
-
-@pytest.fixture(scope="session")
-def decoder() -> Decoder:
-    return Decoder.load()
 
 
 @pytest.fixture(scope="session")

@@ -36,13 +36,12 @@ MIN_DB = 55.0
 Picture = NDArray[np.uint8]  # [160, 160, 3]
 
 
-def render_all(renderer) -> dict[str, Picture]:
+def render_all(renderer, decoder) -> dict[str, Picture]:
     """Every golden picture, drawn now, by name."""
     from scenes import head_scene
 
     from render.cameras import portrait
     from render.decoder import identity
-    from render.decoder.decoder import Decoder
     from render.types import AHEAD
     from sensors import rotation
     from sensors.types import HeadPose
@@ -55,7 +54,6 @@ def render_all(renderer) -> dict[str, Picture]:
             pictures[f"{name}_{view}"] = renderer.read_rgba()[..., :3].copy()
 
     draw("head", head_scene(4000))
-    decoder = Decoder.load()
     for avatar in AVATARS:
         who = identity.load(avatar)
         for name, (activations, look) in EXPRESSIONS.items():
@@ -101,7 +99,7 @@ def mismatch(name: str, picture: Picture, folder: Path = FAILURES) -> str:
     return f"{text}, see {path}"
 
 
-def bless(renderer, root: Path = ROOT) -> None:
+def bless(renderer, decoder, root: Path = ROOT) -> None:
     """Write the pictures and the manifest."""
     from PIL import Image
 
@@ -121,7 +119,7 @@ def bless(renderer, root: Path = ROOT) -> None:
     for old in FOLDER.glob("*.png"):
         old.unlink()
     digests = {}
-    for name, picture in render_all(renderer).items():
+    for name, picture in render_all(renderer, decoder).items():
         Image.fromarray(picture).save(FOLDER / f"{name}.png", optimize=True)
         digests[name] = digest(picture)
     manifest = {

@@ -31,11 +31,6 @@ POSES = [
 ]
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def driven(index: int, pose: HeadPose) -> DrivenFrame:
     return DrivenFrame(index, (index + 1) * 33_333_333, np.zeros(256, np.float32), AHEAD, pose, 0.5)
 

@@ -3,18 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from render.decoder import beard, identity
 from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.types import AHEAD, Gaussians
 
 STILL = np.zeros(EXPRESSION_DIM, np.float32)
-
-
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load(gaussians="16k")
 
 
 def grown(cloud: Gaussians, who: identity.Identity) -> slice:

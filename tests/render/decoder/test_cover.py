@@ -18,11 +18,6 @@ from render.types import Camera, Gaussians
 SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def near(who: identity.Identity, eye: int) -> Camera:
     """A camera that sees one eye only, five times larger than a portrait does."""
     x, y, z = (float(v) for v in who.eye_centers[eye])

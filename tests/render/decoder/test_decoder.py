@@ -15,11 +15,6 @@ from render.types import AHEAD, FIELDS
 from sensors.types import InputError
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def pose(decoder: Decoder, **activations: float) -> np.ndarray:
     rig = np.zeros(len(decoder.rig_names), np.float32)
     for name, value in activations.items():

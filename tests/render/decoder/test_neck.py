@@ -17,11 +17,6 @@ STILL = np.zeros(256, np.float32)
 TURNS = {"yaw": (0, 30, 0), "pitch": (20, 0, 0), "up": (-20, 0, 0), "roll": (0, 0, 15)}
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def turned(pitch: float, yaw: float, roll: float, position=(0.0, 0.0, 0.0)) -> HeadPose:  # type: ignore[no-untyped-def]
     return HeadPose(position, rotation.from_angles((radians(pitch), radians(yaw), radians(roll))))
 

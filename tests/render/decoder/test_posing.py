@@ -13,11 +13,6 @@ from render.types import AHEAD
 COLUMNS = 55  # 53 shapes of the rig and 2 of the tongue
 
 
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
 def rig_of(decoder: Decoder, **activations: float) -> np.ndarray:
     rig = np.zeros(COLUMNS, np.float32)
     for name, value in activations.items():

@@ -12,11 +12,6 @@ from render.types import AHEAD
 
 
 @pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
-
-
-@pytest.fixture(scope="module")
 def talking(decoder: Decoder) -> tuple:
     """Someone with the mouth open: identity, code, gaze, mesh and Gaussians on the skin."""
     who = identity.load("ben")

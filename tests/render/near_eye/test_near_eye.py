@@ -23,8 +23,8 @@ def straight_look() -> Look:
 
 
 @pytest.fixture(scope="module")
-def near_eye():
-    renderer = NearEye(Decoder.load())
+def near_eye(decoder: Decoder):
+    renderer = NearEye(decoder)
     yield renderer
     renderer.close()
 

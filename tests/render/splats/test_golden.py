@@ -24,20 +24,20 @@ from render.splats.renderer import wrap_context
 
 
 @pytest.fixture(scope="module")
-def pictures(egl_context):
-    return draw_all(wrap_context(egl_context, "tiles"))
+def pictures(egl_context, decoder):
+    return draw_all(wrap_context(egl_context, "tiles"), decoder)
 
 
 @pytest.mark.slow
-def test_quads_draw_the_golden_pictures(egl_context):
-    pictures = draw_all(wrap_context(egl_context, "quads"))
+def test_quads_draw_the_golden_pictures(egl_context, decoder):
+    pictures = draw_all(wrap_context(egl_context, "quads"), decoder)
     wrong = [text for name, picture in pictures.items() if (text := mismatch(name, picture))]
     assert not wrong, "\n".join(wrong)
 
 
-def test_pictures_equal_the_golden_ones(pictures, egl_context, pytestconfig):
+def test_pictures_equal_the_golden_ones(pictures, egl_context, decoder, pytestconfig):
     if pytestconfig.getoption("--update-golden"):
-        bless(wrap_context(egl_context, "tiles"))
+        bless(wrap_context(egl_context, "tiles"), decoder)
     wrong = [text for name, picture in pictures.items() if (text := mismatch(name, picture))]
     assert not wrong, "\n".join(wrong)
 
@@ -72,11 +72,11 @@ def test_a_changed_picture_is_found_and_shown(pictures, tmp_path: Path):
     assert "expected (160, 160, 3)" in mismatch(name, changed[:80], tmp_path)
 
 
-def test_a_dirty_tree_blesses_nothing(tiles, tmp_path: Path):
+def test_a_dirty_tree_blesses_nothing(tiles, decoder, tmp_path: Path):
     (tmp_path / "render").mkdir()
     (tmp_path / "render" / "new.py").touch()
     subprocess.run(["git", "init", "-q", str(tmp_path)], check=True)
     before = MANIFEST.read_bytes()
     with pytest.raises(pytest.exit.Exception, match="clean tree"):
-        bless(tiles, tmp_path)
+        bless(tiles, decoder, tmp_path)
     assert MANIFEST.read_bytes() == before

@@ -11,18 +11,12 @@ from scenes import facing
 from render import arkit
 from render.cameras import portrait
 from render.decoder.coding import EXPRESSION_DIM, Coding, extend
-from render.decoder.decoder import Decoder
 from render.decoder.learned import networks
 from render.decoder.learned.light import LightNet, tensors_of
 from render.evaluation import metrics as prior_metrics
 from render.splats.reference import ReferenceRenderer
 from render.types import Gaussians
 from sensors.types import InputError
-
-
-@pytest.fixture(scope="module")
-def decoder() -> Decoder:
-    return Decoder.load()
 
 
 def test_arkit_goes_through_the_code_and_back(decoder):
