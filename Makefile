@@ -6,6 +6,8 @@ PYTHON ?= python3
 PIP_ARGS ?=
 # What differs from system to system; pyright reads it for each.
 PORTABLE := app sensors render/gl
+# Bytecode is kept: pytest rewrites every test module, a third of the time to collect them.
+export PYTHONDONTWRITEBYTECODE :=
 # A WebXR headset for the browser tests, in JavaScript.
 XR_EMULATOR := iwer@2.5.0
 APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \

@@ -60,7 +60,12 @@ def test_sound_and_noise_are_heard(backend: BackendName) -> None:
 
 
 @pytest.mark.parametrize(
-    "audio_config", [AUDIO["debug"], WAV2VEC, PAIR], ids=["compact", "wav2vec", "pair"]
+    "audio_config",
+    [
+        pytest.param(AUDIO["debug"], id="compact"),
+        pytest.param(WAV2VEC, id="wav2vec", marks=pytest.mark.slow),
+        pytest.param(PAIR, id="pair", marks=pytest.mark.slow),
+    ],
 )
 def test_onnx_equals_torch_for_300_frames(audio_config: AudioEncoderConfig) -> None:
     audio = sound(300)

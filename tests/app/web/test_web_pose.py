@@ -8,7 +8,7 @@ import pytest
 from web_client import Talker, play, serving, socket_to, wait_until
 
 from app.web.headset_source import reading, web_head
-from app.web.messages import MESSAGE
+from app.web.messages import MESSAGE, PoseMessages
 from render.decoder.decoder import Decoder
 from sensors import rotation
 from sensors.clock import MonotonicClock
@@ -23,6 +23,13 @@ def talker(decoder: Decoder) -> Iterator[Talker]:
         yield made
 
 
+def test_a_pose_has_its_size_and_no_other() -> None:
+    messages = PoseMessages()
+    assert messages.packet(bytes(MESSAGE.size), 7) is not None
+    assert all(messages.packet(bytes(size), 7) is None for size in (0, 71, 73, 10_000))
+
+
+@pytest.mark.slow
 def test_what_is_no_pose_closes_the_socket_and_nothing_else(talker: Talker) -> None:
     async def work() -> None:
         for bad in (b"", bytes(71), bytes(73), b"x" * 10_000):
