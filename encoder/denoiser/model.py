@@ -70,6 +70,7 @@ class Denoiser(nn.Module):
     block_size = 1
     ratio = Fraction(1)
     delay = 0
+    stale = ("keys", "values")  # entries of a new state that nothing reads before `step` fills them
     expression_mean: Tensor
     expression_std: Tensor
 
