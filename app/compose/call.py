@@ -103,12 +103,13 @@ def session_material(session: Path) -> "Material":
 def trial_report(material: "Material", lines: Sequence[int], seconds: float) -> dict[str, Any]:
     """Both ends on this machine over each of the `lines`."""
     from app.call.trial.relay import LINES
-    from app.call.trial.runner import metrics_of, run_line
+    from app.call.trial.runner import metrics_of, note_of, run_line
 
-    report: dict[str, Any] = {"metrics": {}, "bars": []}
+    report: dict[str, Any] = {"metrics": {}, "bars": [], "notes": []}
     for number in lines:
         found = run_line(LINES[number], material, seconds, seed=number)
         metrics, bars = metrics_of(LINES[number], found)
         report["metrics"] |= metrics
         report["bars"] += bars
+        report["notes"].append(note_of(LINES[number], found))
     return report

@@ -23,7 +23,7 @@ ENCODER = {
     4002: BIT_RATE,
     4012: 1,  # error correction in band
     4014: LOSS_PERCENT,
-    4010: 4,  # complexity of 10: a third of the time, hardly to be heard
+    4010: 1,  # complexity of 10: half the time of 4, spectra .15 dB farther from the voice
 }
 FLOATS = ctypes.POINTER(ctypes.c_float)
 Sound = NDArray[np.float32]
@@ -40,12 +40,15 @@ class OpusEncoder:
             raise OSError(f"libopus: expected an encoder, got error {error.value}")
         for request, value in ENCODER.items():
             self._lib.opus_encoder_ctl(self._state, request, ctypes.c_int32(value))
+        self._in = np.zeros(PACKET, np.float32)
+        self._samples = self._in.ctypes.data_as(FLOATS)
         self._out = ctypes.create_string_buffer(MAX_PAYLOAD)
 
     def encode(self, samples: Sound) -> bytes:  # [PACKET] -1..1
-        sound = np.minimum(np.maximum(samples, -1), 1, dtype=np.float32)
-        into = sound.ctypes.data_as(FLOATS)
-        size = self._lib.opus_encode_float(self._state, into, PACKET, self._out, MAX_PAYLOAD)
+        np.maximum(samples, -1, out=self._in)
+        np.minimum(self._in, 1, out=self._in)
+        to, limit = self._out, MAX_PAYLOAD
+        size = self._lib.opus_encode_float(self._state, self._samples, PACKET, to, limit)
         if size < 0:
             raise OSError(f"libopus: expected a payload, got error {size}")
         return self._out.raw[:size]
@@ -66,6 +69,7 @@ class OpusDecoder:
         if error.value or not self._state:
             raise OSError(f"libopus: expected a decoder, got error {error.value}")
         self._out = np.zeros(PACKET, np.float32)
+        self._samples = self._out.ctypes.data_as(FLOATS)
 
     def decode(self, payload: bytes) -> Sound:
         """[PACKET]; a payload that is no Opus of 10 ms is concealed."""
@@ -85,8 +89,7 @@ class OpusDecoder:
             self._state = None
 
     def _run(self, payload: bytes, correction: int) -> Sound:
-        out = self._out.ctypes.data_as(FLOATS)
-        data, size = payload or None, len(payload)
+        data, size, out = payload or None, len(payload), self._samples
         count = self._lib.opus_decode_float(self._state, data, size, out, PACKET, correction)
         if count != PACKET:
             if payload:

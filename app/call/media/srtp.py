@@ -56,6 +56,7 @@ class RtpReceiver:
         self._parse, self._damaged = RtpPacket.parse, (pylibsrtp.Error, ValueError)
         self._transport: Any = next(iter(streams)).transport
         connection = self._transport.transport._connection
+        self._known: dict[bytes, Stream] = {}  # by SSRC
         self._queue: Callable[[bytes, int], None] = connection.data_received
         connection.data_received = self._received
 
@@ -65,9 +66,16 @@ class RtpReceiver:
             self._queue(data, component)
             return
         try:
-            packet = self._parse(session.unprotect(data))
+            plain = session.unprotect(data)
+            stream = self._known.get(plain[8:12]) if plain[0] == VERSION else None
+            if stream is None:
+                packet = self._parse(plain)
+                stream = self._streams.get(self._transport._rtp_router.route_rtp(packet))
+                if stream is None:
+                    return
+                self._known[plain[8:12]] = stream
+                self._take(stream, packet.payload)
+            else:
+                self._take(stream, plain[HEADER.size :])
         except self._damaged:  # or it came before
             return
-        stream = self._streams.get(self._transport._rtp_router.route_rtp(packet))
-        if stream is not None:
-            self._take(stream, packet.payload)

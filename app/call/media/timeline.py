@@ -2,8 +2,9 @@
 
 A unit of media (a packet of voice, a tick) has a lag: our clock when it could be played minus its
 media time, whatever brought it: itself, the error correction of the next packet, a repeated tick.
-The delay is a high quantile of the lags of the last seconds plus a margin. The partner's clock is
-never needed: its offset and its drift are part of every lag.
+The delay is a high quantile of the lags of the last seconds plus a margin: more for the voice, as
+a gap in it is heard at once. The partner's clock is never needed: its offset and its drift are part
+of every lag.
 
 Streams: "voice" and "face", each when it is due, and "next face": a tick as it is needed one tick
 earlier, so that most poses can lie between two of them instead of up to a tick behind.
@@ -32,7 +33,9 @@ class DelaySettings:
     quantiles: Mapping[str, float] = field(
         default_factory=lambda: {"voice": 0.998, "face": 0.998, "next face": 0.8}
     )
-    margin_ms: float = 3.0
+    margins_ms: Mapping[str, float] = field(
+        default_factory=lambda: {"voice": 7.0, "face": 3.0, "next face": 3.0}
+    )
     window_s: float = 6.0
     first_s: float = 0.4  # of lags, before anything is played
     settle_s: float = 1.0  # in which an error of the delay is played away ...
@@ -78,11 +81,9 @@ class Timeline:
         assert self._target_ms is not None
         return (now_ns / 1e6 - self._target_ms) * SAMPLE_RATE / 1e3
 
-    def rate(self, media: float, now_ns: int) -> float | None:
-        """How fast to play on from `media`, heard now; None: too far off, jump to `target`."""
-        target = self.target(now_ns)
-        if target is None:
-            return 1.0
+    def rate(self, media: float, target: float) -> float | None:
+        """How fast to play on from `media` where `target` should be heard; None: too far off, jump
+        to it."""
         error_s = (target - media) / SAMPLE_RATE
         if abs(error_s) * 1e3 > self.settings.jump_ms:
             return None
@@ -107,8 +108,9 @@ class Timeline:
         s, needed, fastest = self.settings, -math.inf, -math.inf
         for stream, (times, lags) in self._lags.items():
             ordered = np.sort(np.fromiter(lags, float, len(lags)))
-            needed = max(needed, ordered[math.ceil(s.quantiles[stream] * (len(ordered) - 1))])
+            last = ordered[math.ceil(s.quantiles[stream] * (len(ordered) - 1))]
+            needed = max(needed, last + s.margins_ms[stream])
             # Of the last second: a partner whose clock stood still is that much later for good.
             lately = len(times) - bisect_left(times, times[-1] - NS)
             fastest = max(fastest, min(islice(reversed(lags), lately)))
-        return float(min(max(needed + s.margin_ms, fastest), fastest + s.most_ms))
+        return float(min(max(needed, fastest), fastest + s.most_ms))

@@ -6,20 +6,19 @@ drift of both sound cards and every change of the delay are resampled away.
 
 import math
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from app.call.media import speed
 from app.call.media.opus import MAX_PAYLOAD, PACKET
 from app.call.media.timeline import Timeline
 from sensors.types import SAMPLE_RATE
 
 Sound = NDArray[np.float32]
-LEAST = 16  # samples that are resampled at a time
-RESAMPLER_DELAY = 240  # samples that soxr keeps when its rate may vary
-PULL = 240  # samples that a loudspeaker asks for at a time, at most, for the delay to be right
-READ_AHEAD = PULL + RESAMPLER_DELAY + 2 * LEAST  # samples decoded before the first of them is heard
+PULL = 480  # samples that a loudspeaker asks for at a time, at most, for the delay to be right
+READ_AHEAD = PULL + PULL // 50 + speed.AFTER + 2  # samples decoded before the first is heard
 FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from where we play are nonsense
 GONE = 50  # packets missing in a row: the partner is not late but away
 SPEECH_RMS = 0.01
@@ -46,9 +45,6 @@ class VoiceTrack:
     """Push packets as they come, pull samples as they are due."""
 
     def __init__(self, timeline: Timeline, decoder: VoiceDecoder) -> None:
-        import soxr  # pyright: ignore[reportMissingTypeStubs]
-
-        self._soxr: Any = soxr
         self.counts = VoiceCounts()
         self.level = 0.0  # root mean square of the newest packet
         self._timeline, self._decoder = timeline, decoder
@@ -58,12 +54,10 @@ class VoiceTrack:
         self._next = 0  # packet to decode
         self._missing = GONE  # in a row
         self._decoded = np.zeros(0, np.float32)
-        self._ready = np.zeros(0, np.float32)  # resampled
-        self._fed = 0.0  # media position behind all that the resampler got
-        self._pending = 0.0  # samples that the resampler has taken and not yet made
+        self._start = 0  # media of the first of them
+        self._at = 0.0  # which of them is heard next, and how far towards the one after it
         self._ahead = 0.0  # samples that we play too early, by the timeline
         self._playing = False
-        self._resampler: Any = None  # soxr.ResampleStream
 
     def push(self, number: int, payload: bytes, now_ns: int) -> None:
         """Packet `number` holds samples 480 * number and on; an empty one says that the partner
@@ -85,48 +79,39 @@ class VoiceTrack:
         target = self._timeline.target(heard_ns)
         if target is None:
             return np.zeros(count, np.float32)
-        media = self._fed - len(self._ready) - self._pending
-        rate = self._timeline.rate(media, heard_ns) if self._playing else None
+        media = self._start + self._at
+        rate = self._timeline.rate(media, target) if self._playing else None
         if rate is None:
             media, rate = max(float(int(target)), 0.0), 1.0
             self._jump(int(media))
         self._ahead = media - target
         self._timeline.played(media, heard_ns, rate)
-        while len(self._ready) < count:
-            self._feed(max(count - len(self._ready), LEAST), rate)
-        out, self._ready = self._ready[:count], self._ready[count:]
+        end = self._at + rate * count
+        while len(self._decoded) < end + speed.AFTER:
+            self._decoded = np.concatenate([self._decoded, self._decode()])
+        out = speed.between(self._decoded, self._at, rate, count)
+        used = int(end) - speed.BEFORE
+        self._decoded = self._decoded[used:]
+        self._start, self._at = self._start + used, end - used
         return out
 
     def close(self) -> None:
         self._decoder.close()
-        self._resampler, self._playing = None, False
+        self._playing = False
 
     def _jump(self, media: int) -> None:
         self.counts.jumps += self._playing
         self._playing = True
         self._next = media // PACKET
-        self._fed, self._pending = float(media), 0.0
-        self._ready = np.zeros(0, np.float32)
-        self._decoded = self._decode()[media % PACKET :]
-        limit = 1 + 2 * self._timeline.settings.rate
-        self._resampler = self._soxr.ResampleStream(limit, 1, 1, "float32", "LQ", vr=True)
-
-    def _feed(self, count: int, rate: float) -> None:
-        """So many samples through the resampler, which makes about as many of them."""
-        while len(self._decoded) < count:
-            self._decoded = np.concatenate([self._decoded, self._decode()])
-        block, self._decoded = self._decoded[:count], self._decoded[count:]
-        self._fed += count
-        self._resampler.set_io_ratio(rate, 1.0)
-        made = self._resampler.resample_chunk(block)
-        self._pending += count / rate - len(made)
-        self._ready = np.concatenate([self._ready, made])
+        self._start, self._at = media - speed.BEFORE, float(speed.BEFORE)
+        lead = np.zeros(speed.BEFORE, np.float32)
+        self._decoded = np.concatenate([lead, self._decode()[media % PACKET :]])
 
     def _decode(self) -> Sound:
         """The next 480 samples."""
         number = self._next
         if self._is_early(number):  # the line became slower: the sound waits for it
-            self._fed -= PACKET
+            self._start -= PACKET
             self._ahead -= PACKET
             self.counts.concealed += 1
             return self._decoder.conceal()

@@ -1,7 +1,8 @@
 """One end of a trial, in a process of its own: `python -m app.call.trial.end CONFIG`.
 
 It says the material in real time, plays its partner on a sound card that is only a clock, looks at
-the partner's face 30 times a second, and writes down what it heard and saw.
+the partner's face 30 times a second, and writes down what it heard and saw. What the person and the
+card cost is counted apart from the call.
 """
 
 import asyncio
@@ -12,6 +13,7 @@ import sys
 import time
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,9 +23,11 @@ from app.call.core.call import Call, Sight, new_identity
 from app.call.core.status import report_of
 from app.call.media.connection import bind_only
 from app.call.media.face import FaceTrack
+from app.call.media.voice import PULL
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.listen import host_direct
 from app.call.rooms.room import LineSettings
+from app.call.trial.beats import Beats
 from app.call.trial.material import Material, load_material
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import parse
@@ -31,9 +35,7 @@ from app.call.wire.packet import Tick
 from app.call.wire.seal import SECRET_BYTES
 from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
-BLOCK = 480  # samples that the microphone delivers at a time
-PULL = 240  # samples that the loudspeaker asks for at a time
-STALL = SAMPLE_RATE // 10  # samples: whole blocks, pulls and ticks
+LATE_NS = 10_000_000  # that a card's block may be served late before the trial tells of it
 WARM_UP_S = 6.0  # of connecting and settling, not judged
 
 
@@ -84,10 +86,11 @@ class Recorder:
         self._seen: list[tuple[int, np.ndarray, float]] = []  # our clock, code, media of the sound
         self._ticks: dict[int, np.ndarray] = {}
         self._origin_ns = self._first_heard_ns = 0
-        self._cpu_s = self._wall_s = 0.0
+        self._cpu_s = self._wall_s = self._trial_s = 0.0
         self._sent_bytes = 0
-        self._second = 0
         self._stalls_ns: list[int] = []  # when the card had nothing to play
+        self._late_ns: list[tuple[int, int]] = []  # when a block was due, and was served too late
+        self._concealed_ns: list[int] = []  # when each packet that was concealed was due
         self._judged = False
         self._partner: Mapping[str, Any] = {}
 
@@ -105,97 +108,86 @@ class Recorder:
             call.step()
         gc.collect()
         gc.freeze()
-        self._origin_ns = time.monotonic_ns()
-        loop = asyncio.get_running_loop()
-        played = loop.create_future()
-        start_s, total = loop.time(), int((settings.seconds + WARM_UP_S) * SAMPLE_RATE)
-
-        def beat(now: int) -> None:
-            """The sound card's: a timer alone, as a card costs no turn of a task."""
-            late = int((loop.time() - start_s) * SAMPLE_RATE) - now
-            missed = max(late, 0) // STALL * STALL
-            try:
-                self._stand_still(now, missed)
-                now += missed
-                self._play_on(call, now)
-            except Exception as error:  # nobody awaits a timer
-                played.set_exception(error)
-            if played.done():
-                return
-            if now + PULL < total:
-                loop.call_at(start_s + (now + PULL) / SAMPLE_RATE, beat, now + PULL)
-            else:
-                played.set_result(None)
-
-        beat(0)
-        await played
+        beats = Beats(time.monotonic_ns(), int((settings.seconds + WARM_UP_S) * SAMPLE_RATE))
+        self._origin_ns = beats.origin_ns
+        await asyncio.gather(
+            beats.every(PULL, partial(self._sound_card, call, beats), self._stand_still),
+            beats.every(SAMPLES_PER_FRAME, partial(self._look, call, beats), _nothing),
+            beats.every(SAMPLE_RATE, partial(self._second, call, beats), _nothing),
+        )
         self._cpu_s = time.process_time() - self._cpu_s
+        self._trial_s = beats.trial_s - self._trial_s
         self._wall_s = time.monotonic() - self._wall_s
         self._sent_bytes = call.sent_bytes - self._sent_bytes
         for partner in report_of(call, time.monotonic_ns(), {}).values():
             self._partner = partner
 
-    def _play_on(self, call: Call, now: int) -> None:
-        """The next 5 ms, from sample `now` on."""
-        due_ns = self._origin_ns + now * NS // SAMPLE_RATE
+    def _sound_card(self, call: Call, beats: Beats, now: int, late_ns: int) -> None:
+        """The next 10 ms, from sample `now` on."""
+        due_ns = beats.at_ns(now)
         if not self._judged and now >= WARM_UP_S * SAMPLE_RATE:
             self._judged, self._first_heard_ns = True, due_ns
-            self._begin(call)
-        if now % BLOCK == 0 and now:
-            call.speak(now - BLOCK, self._sound(now - BLOCK), due_ns - BLOCK * NS // SAMPLE_RATE)
-        sound = call.pull(PULL, due_ns)
+            self._begin(call, beats)
+        if late_ns > LATE_NS:
+            self._late_ns.append((due_ns, due_ns + late_ns))
+        if now:
+            before_ns = beats.at_ns(now - PULL)
+            beats.of_call(call.speak, now - PULL, self._sound(now - PULL), before_ns)
+        sound = beats.of_call(call.pull, PULL, due_ns)
         if self._judged:
             self._heard.append(sound)
-        if now // SAMPLES_PER_FRAME > (now - PULL) // SAMPLES_PER_FRAME and now:
-            self._tick(call, now // SAMPLES_PER_FRAME - 1)
-            self._look(call, due_ns)
-        if now // SAMPLE_RATE > self._second:
-            self._second = now // SAMPLE_RATE
-            call.step()
+            concealed = sum(p.voice.counts.concealed for p in call.partners.values())
+            self._concealed_ns += [due_ns] * (concealed - len(self._concealed_ns))
 
-    def _stand_still(self, now: int, count: int) -> None:
+    def _stand_still(self, now: int, then: int) -> None:
         """The machine was busy elsewhere: the card went on, with nothing to play or to hear."""
-        for at in range(now, now + count, PULL):
+        for at in range(now, then, PULL):
             self._stalls_ns.append(self._origin_ns + at * NS // SAMPLE_RATE)
             if self._judged:
                 self._heard.append(np.zeros(PULL, np.float32))
 
-    def _begin(self, call: Call) -> None:
+    def _look(self, call: Call, beats: Beats, now: int, late_ns: int) -> None:  # noqa: ARG002
+        """Show the own face, 30 times a second, and look at the partner's."""
+        if not now:
+            return
+        m, index, now_ns = self._material, now // SAMPLES_PER_FRAME - 1, beats.at_ns(now)
+        row = (index + self._settings.start) % len(m.expression)
+        beats.of_call(call.tick, Tick(index, m.expression[row], m.gaze[row]), now_ns)
+        for partner in call.partners.values():
+            if partner.timeline.started:
+                media = partner.timeline.media_at(now_ns)
+                shown = beats.of_call(self._face.pose, media, now_ns)
+                if shown is not None and self._judged:
+                    self._seen.append((now_ns, shown.tick.expression, media))
+
+    def _second(self, call: Call, beats: Beats, now: int, late_ns: int) -> None:  # noqa: ARG002
+        beats.of_call(call.step)
+
+    def _begin(self, call: Call, beats: Beats) -> None:
         """What came before is warm-up."""
         for partner in call.partners.values():
             partner.voice.counts = type(partner.voice.counts)()
         self._face.counts = type(self._face.counts)()
         self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
-        self._sent_bytes = call.sent_bytes
+        self._trial_s, self._sent_bytes = beats.trial_s, call.sent_bytes
 
     def _sound(self, at: int) -> np.ndarray:
         sound = self._material.sound
         at = (at + self._settings.start * SAMPLES_PER_FRAME) % len(sound)
-        rest = sound[at : at + BLOCK]
-        return rest if len(rest) == BLOCK else np.concatenate([rest, sound[: BLOCK - len(rest)]])
-
-    def _tick(self, call: Call, index: int) -> None:
-        m = self._material
-        row = (index + self._settings.start) % len(m.expression)
-        end_ns = self._origin_ns + (index + 1) * SAMPLES_PER_FRAME * NS // SAMPLE_RATE
-        call.tick(Tick(index, m.expression[row], m.gaze[row]), end_ns)
-
-    def _look(self, call: Call, now_ns: int) -> None:
-        for partner in call.partners.values():
-            if partner.timeline.started:
-                media = partner.timeline.media_at(now_ns)
-                shown = self._face.pose(media, now_ns)
-                if shown is not None and self._judged:
-                    self._seen.append((now_ns, shown.tick.expression, media))
+        rest = sound[at : at + PULL]
+        return rest if len(rest) == PULL else np.concatenate([rest, sound[: PULL - len(rest)]])
 
     def save(self) -> None:
         report: dict[str, Any] = {
             "partner": self._partner,
             "due": self._face.counts.due,
             "held": self._face.counts.held,
-            "cpu_share": self._cpu_s / self._wall_s,
+            "cpu_share": (self._cpu_s - self._trial_s) / self._wall_s,
+            "trial_cpu_share": self._trial_s / self._wall_s,
             "sealed_kbps": self._sent_bytes * 8 / self._wall_s / 1e3,
             "stalls_ns": self._stalls_ns,
+            "late_ns": self._late_ns,
+            "concealed_ns": self._concealed_ns,
             "origin_ns": self._origin_ns,
             "first_heard_ns": self._first_heard_ns,
             "settings": asdict(self._settings),
@@ -209,6 +201,9 @@ class Recorder:
             codes=np.array(list(self._ticks.values()), np.float32).reshape(-1, 256),
             report=json.dumps(report),
         )
+
+
+def _nothing(*_: object) -> None: ...
 
 
 def _tell(line: str) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.call.media.opus import PACKET
 from app.call.trial.material import Material
 from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
@@ -21,6 +22,7 @@ PART = round(WINDOW * 0.96)  # samples of a window that are there at every speed
 STEP_MS = 2.0
 SHIFTS_MS = np.arange(-120, 120 + STEP_MS, STEP_MS)  # of the face that are tried
 CLEAR = 0.5  # of the median miss: a face that hardly moves fits everywhere and tells no time
+AFTER_LATE_NS = NS // 4  # in which a packet that was sent late would have been due
 SHARPEN = 0.95  # voice is periodic and low; without its slow part it is found without doubt
 
 
@@ -95,6 +97,17 @@ def lips_ms(
         if 0 < best < len(SHIFTS_MS) - 1 and misses[best] < CLEAR * np.median(misses):
             found.append(SHIFTS_MS[best] + STEP_MS * _vertex(*misses[best - 1 : best + 2]))
     return np.array(found)
+
+
+def concealed_share(here: Found, there: Found) -> tuple[float, int]:
+    """Share of the packets that were missing when they were due, and how many more were missing
+    because one of the two sound cards was served late: no line and no call could have them."""
+    late = np.array([*here.report["late_ns"], *there.report["late_ns"]], np.int64).reshape(-1, 2)
+    concealed = np.array(here.report["concealed_ns"], np.int64)
+    after = concealed[:, None, None] - late
+    starved = ((after[:, :, 0] >= 0) & (after[:, :, 1] <= AFTER_LATE_NS)).any(1)
+    played = len(here.heard) / PACKET
+    return float((~starved).sum() / played), int(starved.sum())
 
 
 def lips_error_mm(here: Found, there: Found, material: Material) -> float:

@@ -11,8 +11,9 @@ from typing import Any
 
 import numpy as np
 
+from app.call.media.voice import PULL
 from app.call.trial import judge
-from app.call.trial.end import PULL, WARM_UP_S, EndSettings
+from app.call.trial.end import WARM_UP_S, EndSettings
 from app.call.trial.material import Material
 from app.call.trial.relay import Leg, LossyLine, open_line
 from app.terminal.thresholds import at_most
@@ -77,20 +78,32 @@ def metrics_of(
     return metrics, bars
 
 
+def note_of(line: LossyLine, found: dict[str, float]) -> str:
+    """What is no merit or fault of the call, in a line."""
+    return (
+        f"{line.name}: the trial's own person and sound card took {found['trial_cpu_share']:.3f} "
+        f"of a core; {found['starved_packets']:.0f} packets were late with a sound card that the "
+        f"machine starved; lips were not judged in {found['seconds_not_judged']:.0f} seconds"
+    )
+
+
 def _judge(here: judge.Found, there: judge.Found, material: Material) -> dict[str, float]:
     delays = judge.delays_ms(here, there, material)
     lips = judge.lips_ms(here, there, material, delays)
     nothing = float("inf")  # heard or seen: no bar holds
-    report = here.report
+    report, (concealed, starved) = here.report, judge.concealed_share(here, there)
     return {
         "delay_p50_ms": float(np.median(delays[:, 1])) if len(delays) else nothing,
         "delay_spread_ms": float(np.ptp(delays[:, 1])) if len(delays) else nothing,
-        "concealed": report["partner"].get("concealed_share", nothing),
+        "concealed": concealed if report["partner"] else nothing,
+        "starved_packets": starved,
         "held": report["held"] / report["due"] if report["due"] else nothing,
         "lips_ms": float(np.abs(lips).max()) if len(lips) else nothing,
         "lips_p50_ms": float(np.median(lips)) if len(lips) else nothing,
+        "seconds_not_judged": len(here.heard) / SAMPLE_RATE - len(lips),
         "stalled_ms": len(report["stalls_ns"]) * PULL * 1e3 / SAMPLE_RATE,
         "cpu_share": report["cpu_share"],
+        "trial_cpu_share": report["trial_cpu_share"],
         "lips_error_mm": judge.lips_error_mm(here, there, material),
     }
 

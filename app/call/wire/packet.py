@@ -5,6 +5,7 @@ that one or two lost packets lose nothing. Numbers are whole: no bits of them de
 """
 
 import hashlib
+import math
 import struct
 from collections.abc import Container, Sequence
 from dataclasses import dataclass, field
@@ -39,6 +40,8 @@ WIDTHS = np.array(
 TICK_BYTES = -(-int(WIDTHS.sum()) // 8)
 _SIGN = 1 << WIDTHS - 1  # added, so that all are >= 0
 _SIGN[[-5, -1]] = 0  # which number of the quaternion was left out; breath
+_MOST = np.where(_SIGN > 0, _SIGN, 1 << WIDTHS) - 1.0
+_LEAST = np.where(_SIGN > 0, -_MOST, 0.0)
 
 
 class MalformedError(ValueError):
@@ -98,17 +101,17 @@ class Packer:
         )
         if not np.isfinite(given).all() or not tick.head_wxyz.any():
             raise MalformedError(f"tick {tick.index}: expected finite numbers and a rotation")
-        code = np.rint(self._rows @ tick.expression.astype(np.float64) / self._steps)
-        yaw = np.arctan2(tick.gaze[:, 0], tick.gaze[:, 2])
-        pitch = np.arcsin(np.clip(tick.gaze[:, 1], -1, 1))
-        gaze = np.rint(np.stack([yaw, pitch], 1).ravel() / GAZE_STEP)
-        shift = np.rint(tick.head_mm / SHIFT_STEP_MM)
-        left_out, turn = _smallest_three(tick.head_wxyz)
-        breath = np.rint(np.clip(tick.breath, 0, 1) * BREATH_MAX)
-        values = np.concatenate([code, gaze, shift, [left_out], turn, [breath]])
-        limit = np.maximum(_SIGN - 1, 0)
-        signed = np.where(_SIGN > 0, np.clip(values, -limit, limit), values)
-        return signed.astype(np.int64) + _SIGN
+        code = self._rows @ tick.expression.astype(np.float64) / self._steps
+        gaze = [
+            angle / GAZE_STEP
+            for x, y, z in tick.gaze.tolist()
+            for angle in (math.atan2(x, z), math.asin(min(max(y, -1), 1)))
+        ]
+        left_out, turn = _smallest_three(tick.head_wxyz.tolist())
+        breath = min(max(tick.breath, 0), 1) * BREATH_MAX
+        rest = [*gaze, *(tick.head_mm / SHIFT_STEP_MM).tolist(), left_out, *turn, breath]
+        values = np.rint(np.concatenate([code, rest]))
+        return np.minimum(np.maximum(values, _LEAST), _MOST).astype(np.int64) + _SIGN
 
     def message(self, ticks: Sequence[Ints], newest: int, offset: int) -> bytes:
         """`ticks` newest first, of the indices newest, newest - 1, ...; `offset` in samples: tick i
@@ -158,12 +161,11 @@ class Packer:
         )
 
 
-def _smallest_three(wxyz: Floats) -> tuple[int, NDArray[np.float64]]:
-    """Index of the largest number, and the other three as integers."""
-    unit = wxyz.astype(np.float64) / np.linalg.norm(wxyz.astype(np.float64))
-    left_out = int(np.argmax(np.abs(unit)))
-    rest = np.delete(unit, left_out) * np.sign(unit[left_out])
-    return left_out, np.rint(rest * np.sqrt(2) * TURN_MAX)
+def _smallest_three(wxyz: Sequence[float]) -> tuple[int, list[float]]:
+    """Index of the largest number, and the other three in steps."""
+    left_out = max(range(4), key=lambda i: abs(wxyz[i]))
+    scale = math.copysign(math.sqrt(2) * TURN_MAX, wxyz[left_out]) / math.hypot(*wxyz)
+    return left_out, [value * scale for i, value in enumerate(wxyz) if i != left_out]
 
 
 def _whole(left_out: int, turn: NDArray[np.int64]) -> Floats:

@@ -96,4 +96,6 @@ class Test:
             report = metrics_of(found)
         else:
             report = trial_report(session_material(self.session), self.lines, self.seconds)
+        for note in report.get("notes", ()):
+            print(note)
         finish(report, self.report)

@@ -41,6 +41,7 @@ def test_a_whole_call_over_a_lossy_line() -> None:
         line = here.report["partner"]
         assert 0 < line["mouth_to_ear_ms"] <= line["mouth_to_eye_ms"]
         assert line["loss"] < 0.1 and 50 < line["kbps"] < 200
+        assert 0 < here.report["trial_cpu_share"] < here.report["cpu_share"]
     assert kbps < 200
 
 

@@ -1,5 +1,7 @@
 """The judge of `call test` on sound and faces whose delays are known."""
 
+import asyncio
+import time
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,6 +11,7 @@ import pytest
 import soundfile
 
 from app.call.trial import judge
+from app.call.trial.beats import STALL, Beats
 from app.call.trial.judge import Found
 from app.call.trial.material import synthetic_material
 from sensors.types import FPS, NS, SAMPLE_RATE
@@ -32,6 +35,7 @@ def found(face_ms: float, stalls_ns: list[int]) -> Found:
     delay = np.where(looks < STILL[1], BEFORE_MS, AFTER_MS) + face_ms
     seen = judge._between(MATERIAL, (looks - delay / 1e3) * FPS - 1)
     report: dict[str, Any] = {"first_heard_ns": NS, "origin_ns": 0, "stalls_ns": stalls_ns}
+    report |= {"late_ns": [], "concealed_ns": []}
     report["settings"] = {"start": 0}
     seen_ns = np.rint(looks * NS).astype(np.int64)
     return Found(report, heard, seen_ns, seen, np.zeros(0, int), np.zeros((0, 256), np.float32))
@@ -69,3 +73,37 @@ def test_the_delay_is_found_while_it_adapts(speed: float) -> None:
     rows = judge.delays_ms(here, there, MATERIAL)
     truth_ms = np.interp(rows[:, 0] / NS, t, late) * 1e3
     assert len(rows) >= 12 and np.abs(rows[:, 1] - truth_ms).max() < 0.2
+
+
+def test_what_a_starved_sound_card_lost_is_told_apart() -> None:
+    """Whichever end's card was served late; a packet that is lost at any other time counts."""
+    here, there = found(0, []), found(0, [])
+    here.report["concealed_ns"] = [round(s * NS) for s in (1.5, 2.02, 3.2, 3.5)]
+    assert judge.concealed_share(here, there) == (4 / (SECONDS * 100), 0)
+    here.report["late_ns"] = [(2 * NS, round(2.015 * NS))]
+    there.report["late_ns"] = [(3 * NS, round(3.015 * NS))]
+    assert judge.concealed_share(here, there) == (2 / (SECONDS * 100), 2)
+
+
+def test_what_the_person_of_a_trial_costs_is_counted_apart() -> None:
+    """10 ms of CPU time for the trial and 40 ms for the call in each of three beats."""
+
+    def burn(seconds: float) -> None:
+        end_s = time.thread_time() + seconds
+        while time.thread_time() < end_s:
+            pass
+
+    async def scene() -> tuple[Beats, list[int]]:
+        beats, seen = Beats(time.monotonic_ns(), 3 * STALL), list[int]()
+
+        def act(now: int, late_ns: int) -> None:
+            seen.append(now)
+            burn(0.01)
+            beats.of_call(burn, 0.04)
+
+        await beats.every(STALL, act, lambda now, then: seen.extend(range(now, then, STALL)))
+        return beats, seen
+
+    beats, seen = asyncio.run(scene())
+    assert seen[:3] == [0, STALL, 2 * STALL]
+    assert 0.008 < beats.trial_s < 0.036

@@ -70,7 +70,7 @@ def call(
     muted: range = range(0),  # packets
     tick_ms: float = 5.0,  # from the end of a tick's sound to its code
 ) -> Heard:
-    """Play a line; what is heard and shown, every 5 ms."""
+    """Play a line; what is heard and shown, every 10 ms."""
     events: list[tuple[int, int, Callable[[int], None]]] = []
     timeline, face, out = Timeline(), FaceTrack(), Heard()
     voice = VoiceTrack(timeline, Ramp())
@@ -96,15 +96,15 @@ def call(
 
     for i in range(int(seconds * 30)):
         send((i + 1) / 30 / (1 + drift) + tick_ms / 1e3, lambda now, i=i: take(i, now))
-    for n in range(int(seconds * 200)):
-        now = start + int(n * 5 * MS / (1 + card))
+    for n in range(int(seconds * 100)):
+        now = start + int(n * 10 * MS / (1 + card))
         while events and events[0][0] <= now:
             at_ns, _, act = heapq.heappop(events)
             act(at_ns)
         sound = voice.pull(PULL, now)
         media = timeline.media_at(now)
         shown = face.pose(media, now) if timeline.started else None
-        if shown and n > 400:
+        if shown and n > 200:
             out.presence.append(shown.presence)
             said, seen = media - LOOK_AHEAD, (shown.tick.expression[0] + 1) * 1600
             out.delay_ms.append((now - start) / MS - said / 48 / (1 + drift))
@@ -165,7 +165,7 @@ def test_drift_of_both_sound_cards_is_played_away(drift: float, card: float) -> 
 def test_the_delay_grows_with_the_line_and_comes_back() -> None:
     heard = call(60, lambda t: 60.0 if 20 < t < 30 else 2.0)
     delay = np.array(heard.delay_ms)
-    thirds = [np.median(delay[a : a + 200]) for a in (1000, 5000, len(delay) - 400)]
+    thirds = [np.median(delay[a : a + 100]) for a in (500, 2500, len(delay) - 200)]
     assert thirds[0] < 45 and 90 < thirds[1] < 110 and thirds[2] < 45
     assert np.percentile(np.abs(heard.lips_ms), 99) <= 20
     assert heard.voice and heard.voice.counts.jumps == 0
@@ -176,14 +176,14 @@ def test_an_outage_fades_out_and_comes_back_by_itself() -> None:
     heard = call(30, lambda t: None if 10 < t < 16 else 2.0)
     presence = np.array(heard.presence)
     assert presence.min() == 0 and presence[0] == presence[-1] == 1
-    assert np.abs(heard.lips_ms[-200:]).max() < 5
+    assert np.abs(heard.lips_ms[-100:]).max() < 5
     assert heard.voice and heard.voice.counts.concealed <= 60  # then the partner is away, not late
 
 
 def test_a_partner_that_stood_still_is_played_later_from_then_on() -> None:
     """A stalled machine: what comes after it is half a second later, for good."""
     heard = call(20, lambda t: 2.0 if t < 10 else 502.0)
-    assert np.percentile(heard.delay_ms[-1000:], 99) < 560
+    assert np.percentile(heard.delay_ms[-500:], 99) < 560
     assert heard.voice and heard.voice.counts.concealed < 1.5 * RATE
     assert heard.face and heard.face.counts.held < 60
 
