@@ -1,4 +1,4 @@
-"""A call: two to eight people, each one more source of DrivenFrames to the others.
+"""Calls between two to eight people: each partner is another source of DrivenFrames.
 
 wire: what travels and who may read it; media: voice and face on one clock; rooms: how the ends
 find each other; trial: both ends on one machine over a lossy line.

@@ -12,7 +12,7 @@ from sensors.types import InputError
 
 
 def main() -> None:
-    """Take part; what goes wrong is told through the socket."""
+    """Run one end of a call; errors are reported through the socket."""
     fields, handles, end = child.begin()
     assert end is not None
     logging.disable(logging.CRITICAL)  # garbage from the network is counted, not logged

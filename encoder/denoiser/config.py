@@ -10,13 +10,13 @@ from typing import Literal
 
 from encoder.types import Condition
 
-# The contact head (contact.py): openings of the lips between which it may behave otherwise, and
-# the farthest that it moves them.
+# The contact head (contact.py): lip gaps at which its response may change slope, and
+# the largest change of the gap that it makes.
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
 REACH_MM = 3.0
-HEAD = "contact."  # how the names of its tensors begin
+HEAD = "contact."  # prefix of its tensors' names
 # The zero convolutions of emotions (zero_conv.py)
-EMBEDDING = 512  # the paper's, of CLIP
+EMBEDDING = 512  # as in the paper (CLIP)
 OUTPUT_GAIN = 10.0  # a smile lies 15 standard deviations away from the codes of neutral speech
 
 
@@ -34,18 +34,18 @@ class DenoiserConfig:
     causal: bool = True  # False: every frame sees the whole clip (the offline upper bound)
     attention: Literal["softmax", "linear"] = "softmax"
     num_steps: int = 200  # N
-    # how many numbers at the end of the audio features the direct path hears, and the blocks do not
+    # size of the last part of the audio features, for the direct path only (not for the blocks)
     direct_dim: int = 0
     contact: int = 0  # hidden units of the student's contact head; 0: none
 
     @property
     def input_dims(self) -> tuple[int, int, int]:
-        """What the blocks get: noisy code, audio features without the direct path's, condition."""
+        """Inputs of the blocks: noisy code, audio features less the direct path's, condition."""
         return self.expression_dim, self.audio_dim - self.direct_dim, self.condition_dim
 
     @property
     def places(self) -> tuple[int, ...]:
-        """Sizes of what an emotion may change: before each block and the output, and after it."""
+        """Widths where an emotion acts: before each block, before the output and after it."""
         return (*[self.dim] * (self.layers + 1), self.expression_dim)
 
 

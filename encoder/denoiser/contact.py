@@ -1,4 +1,4 @@
-"""The contact head: it shuts lips that the student leaves a hair open (not in the paper).
+"""The contact head: it closes lips that the student leaves slightly open (not in the paper).
 
 Where p, b or m is likely but not sure, one step of denoising brings the lips near each other and
 stops a millimetre short. The head sees how far they are open and what is heard in the same frame,

@@ -16,10 +16,10 @@ from encoder.nn.onnx_graph import Bits
 from encoder.nn.onnx_session import session
 from encoder.types import Floats, Weights
 
-STALE = -1e9  # added to the score of a slot whose frame never was
+STALE = -1e9  # added to the score of a slot that holds no frame yet
 
 
-DenoiserState = Past  # of LiveDenoiser; only this folder looks into it
+DenoiserState = Past  # of LiveDenoiser; only this folder reads its fields
 
 
 def not_live(config: DenoiserConfig) -> str | None:

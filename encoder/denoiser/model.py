@@ -108,7 +108,7 @@ class Denoiser(nn.Module):
         self, noisy: Tensor, audio: Tensor, condition: Tensor,
         keep_audio: Tensor | None, keep_condition: Tensor | None,
     ) -> tuple[Tensor, Tensor]:  # fmt: skip
-        """What the first block gets, and the audio without what was not kept."""
+        """Input of the first block, and the audio with the null where it is not kept."""
         if keep_audio is not None:
             audio = torch.where(keep_audio[:, None, None], audio, self.null_audio)
         if keep_condition is not None:
@@ -124,7 +124,7 @@ class Denoiser(nn.Module):
         return cos.to(self.output.weight.dtype), sin.to(self.output.weight.dtype)
 
     def _places(self, emotion: Tensor | None) -> Sequence[Tensor | None]:
-        """What it does at each of config.places."""
+        """Shift and scale at each of config.places."""
         sizes = [2 * size for size in self.config.places]
         return [None] * len(sizes) if emotion is None else emotion[:, None].split(sizes, -1)
 

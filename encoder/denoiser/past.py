@@ -26,7 +26,7 @@ class KeyValueRing:
 
 @dataclass(frozen=True, eq=False)
 class Past:
-    """Frames before `frame`; slots of frames that never were hold zeros."""
+    """Frames before `frame`; slots of frames before the stream began hold zeros."""
 
     frame: int
     ring: KeyValueRing
@@ -41,11 +41,11 @@ class Past:
         return Past(0, ring, np.zeros(block, np.float32), np.zeros(block, np.float32))
 
     def owned(self) -> Past:
-        """Itself, if its ring is still its own; else the same past with a new one."""
+        """This past while it owns its ring; otherwise a copy with a ring of its own."""
         if self.ring.frame == self.frame:
             return self
         slot = self.frame % len(self.last)
-        current = self.current.copy()  # its next row may be another future's
+        current = self.current.copy()  # another future may write the next row
         rows = np.concatenate([current[:slot], self.last[slot:]])
         keys, values = np.ascontiguousarray(rows.transpose(1, 2, 3, 0, 4))
         return Past(self.frame, KeyValueRing(keys, values, self.frame), self.last, current)

@@ -1,4 +1,4 @@
-"""What is personal in the eyes: a small affine map of each eye's gaze and of its lid.
+"""Calibration of a person's eyes: a small affine map of each eye's gaze and of its lid.
 
 Fitted in ten seconds (`encoder/eyes/routine.py`), kept in the user's profile and in the session.
 Applied between EyeEncoder and EyeTracker; the identity changes nothing.

@@ -1,4 +1,4 @@
-"""Eyes move together: one direction from what two pictures say of it.
+"""Conjugate gaze: one direction from the estimates of two pictures.
 
 Where: EyeReading -> `joined` -> EyeTracker.
 """
@@ -9,19 +9,19 @@ from numpy.typing import NDArray
 from encoder.eyes.format import unit
 
 Array = NDArray[np.float32]
-OPEN = 0.35  # lid opening from which on gaze is seen well
+OPEN = 0.35  # lid opening above which gaze is reliable
 USUAL_VERGENCE, MAX_VERGENCE = 0.064, 0.16  # of x, right minus left: at 1 m, at 40 cm
-VERGENCE_TRUST = 0.25  # each eye errs by more than vergence varies
-# Of sines by which eyes disagree: up to the first they look at one thing, from the second on each
-# goes its own way, e.g. where one picture is shown to both.
+VERGENCE_TRUST = 0.25  # the error of each eye is larger than the variation of vergence
+# Difference of the eyes' sines: below the first they share one target, above the second each
+# keeps its own direction, e.g. where both cameras show the same eye.
 NEAR, FAR = 0.2, 0.4
 
 
 def conjugate(
     xy: Array,  # [2, 2] of both eyes, head frame
-    weight: Array,  # [2] 0..1 how well each eye is seen
+    weight: Array,  # [2] 0..1 confidence of each eye
 ) -> Array:  # [2, 2]
-    """Eyes move together: one direction from both, as high as each other, converging a little."""
+    """One direction from both eyes: equal height, slight convergence."""
     share = (weight + 1e-3) / (weight + 1e-3).sum()
     vergence = np.clip(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
     vergence = USUAL_VERGENCE + VERGENCE_TRUST * weight.min() * vergence
@@ -31,7 +31,7 @@ def conjugate(
 
 
 def trust(lids: Array, score: Array) -> Array:  # [2] each -> [2]
-    """How well each eye is seen, 0..1: one that is shut or doubtful says little."""
+    """Confidence of each eye, 0..1: low for a shut or uncertain eye."""
     return (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
 
 

@@ -31,11 +31,11 @@ from sensors.types import InputError
 Array = NDArray[np.float32]
 MIRROR = np.array([[1.0], [-1.0]], np.float32)  # x of left, right: +x away from the nose
 SIDES = np.array([[1.0, 1.0], [-1.0, 1.0]], np.float32)  # the same, of x and y
-# Doubt in degrees, over time: pictures up to the first are as those that the features were learned
-# of, and so are gaze and lids; from the second on both are what the meter says.
+# Smoothed uncertainty in degrees: below the first, pictures resemble the training pictures of the
+# features, which give gaze and lids; above the second the meter gives both.
 USUAL_DOUBT, STRANGE_DOUBT = 2.5, 3.2
-DOUBT_SHARE, AWAKE = 1 / 60, 0.5  # of a tick in the doubt; opening from which on it counts
-PAIR_REACH = 0.1  # what both pictures together may correct; twice that is not believed at all
+DOUBT_SHARE, AWAKE = 1 / 60, 0.5  # weight of a tick; least lid opening that counts
+PAIR_REACH = 0.1  # largest correction from both pictures together; twice that is ignored
 
 
 SURE, OPEN_LIDS = np.zeros(2, np.float32), np.ones(2, np.float32)
@@ -50,19 +50,19 @@ class EyeReading(NamedTuple):
     features: Array  # [2, 80] in -1..1, of left-like eyes
     gaze: Array  # [2, 3] unit vectors, head frame, as each picture alone shows it
     lids: Array  # [2] opening: 0 shut .. 1 open
-    score: Array  # [2] 0..1: is there an eye? 0: a flat picture
-    relative: Array  # [2, 3] gaze but for a constant of the wearer: what calibration maps
+    score: Array  # [2] 0..1 probability of an eye; 0: a flat picture
+    relative: Array  # [2, 3] gaze up to a constant of the wearer: the input of calibration
     together: Array  # [2, 3] gaze as both pictures show it: right while both eyes are seen
     # What the features themselves tell; all 0: just that.
     told_gaze: Array = NO_GAZE  # [2, 3]
     told_lids: Array = OPEN_LIDS  # [2]
-    doubt: Array = SURE  # [2] of the gaze: how far it is off, in degrees, as far as can be seen
+    doubt: Array = SURE  # [2] estimated error of the gaze, degrees
     side: Array = SURE  # [2] 0..1: is this eye the one that its camera is to show, upright?
     pupils: Array = NO_PUPILS  # [2, 2] places in the framed picture, 0..1 from its upper left
     framed: NDArray[np.uint8] = NO_PICTURE  # [2, 100, 100] what the network saw: left-like eyes
 
     def told(self, good: NDArray[np.bool_] | None = None) -> Array:  # [2] -> [2, 3]
-        """Gaze of each eye, told by both pictures as far as both show an eye: see `joined`."""
+        """Gaze of each eye, from both pictures where both show an eye: see `joined`."""
         score = self.score if good is None else self.score * good
         away = self.together[:, :2] - self.gaze[:, :2]
         believed = np.clip(2 - np.linalg.norm(away, axis=1).max() / PAIR_REACH, 0, 1)
@@ -70,7 +70,7 @@ class EyeReading(NamedTuple):
         return unit(self.gaze[:, :2] + share * away)
 
     def as_features(self, told: Array) -> Array:  # [2, 3] -> [2, 3]
-        """The gaze that the features stand for, where `told` is shown."""
+        """The gaze that matches the features when `told` is displayed."""
         if not self.told_gaze.any():
             return told
         return unit(told[:, :2] + self.told_gaze[:, :2] - self.gaze[:, :2])
@@ -87,17 +87,17 @@ class Told(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class EncoderState:
-    """A value: what is known of the cameras' pictures."""
+    """State between ticks, a value: what is known about the cameras' pictures."""
 
     framing: FramingState
     doubt: Array  # [2] of the gaze in degrees, over the last seconds; 0: none was seen yet
-    # What both networks said when they were last asked: `Told`; measures.
+    # Latest outputs of both networks: `Told`; measures.
     told: Told | None = None
     measured: Array | None = None
 
     @property
     def strange(self) -> Array:  # [2] 0..1
-        """How far pictures are from those that the features were learned of."""
+        """How far pictures are from those that the features were trained on."""
         away = (self.doubt - USUAL_DOUBT) / (STRANGE_DOUBT - USUAL_DOUBT)
         return np.clip(away, 0, 1).astype(np.float32)
 
@@ -124,7 +124,7 @@ class EyeEncoder:
         ]
 
     def __call__(self, eyes: NDArray[np.uint8]) -> EyeReading:  # [2, 400, 400] left, right
-        """A first look: the eyes are looked for in these pictures alone."""
+        """Reading without history: the eyes are searched for in these pictures alone."""
         return self.step(eyes, new_encoder_state())[0]
 
     def step(
@@ -137,7 +137,7 @@ class EyeEncoder:
         (features, heads, relative, together), measures, state = self._asked(
             small, replace(state, framing=framing)
         )
-        # an eye that only the framed picture or only the whole one shows is none
+        # an eye counts only if both the framed and the whole picture show it
         score = np.minimum(_chance(measures[:, 0]), framing.chance)
         flat = spreads < MIN_SPREAD
         doubt = np.degrees(GAZE_UNIT * doubt_of(measures[:, 4])).astype(np.float32)

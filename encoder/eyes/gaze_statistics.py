@@ -1,4 +1,4 @@
-"""How eyes move, in numbers: fixations and saccades of a gaze sequence, for judging a walk."""
+"""Fixations and saccades of a gaze sequence, to evaluate a walk."""
 
 from __future__ import annotations
 

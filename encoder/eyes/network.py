@@ -1,4 +1,4 @@
-"""The eye encoder's networks: where the eye lies in a picture, and what it does.
+"""The eye encoder's networks: where the eye lies in a picture, its features, gaze and lid.
 
 EyeFinder: a camera's picture -> where the eye lies. EyeNet: the picture framed by that -> 80
 features, gaze, lid opening, validity. EyeMeter: the same picture -> is there an eye, lid, gaze and
@@ -106,18 +106,18 @@ class EyeNet(nn.Module):
         # without it one step of 2e-3 on 3136 inputs saturates the tanh, and nothing is learned
         self.spread = nn.BatchNorm1d(config.features, affine=False)
         self.heads = nn.Linear(config.features, 4 + len(RIG))
-        # both eyes look at one thing: what this eye's gaze is off by, told by the other eye, too
+        # both eyes share one target: correction of this eye's gaze from both eyes' features
         told = nn.Linear(config.pair, 2)
         nn.init.zeros_(told.weight)
         nn.init.zeros_(told.bias)
         self.pair = nn.Sequential(nn.Linear(2 * config.features, config.pair), nn.Tanh(), told)
-        # what features a gaze and a face would give: for training data, and for lost cameras
+        # features that a gaze and a face would give: for training data and for lost cameras
         self.synthesis = nn.Sequential(
             nn.Linear(2 + len(RIG), config.synthesis),
             nn.Tanh(),
             nn.Linear(config.synthesis, config.features),
         )
-        # how real features scatter about it: a constant of each subject, and frame by frame
+        # spread of real features around it: constant per subject, and frame by frame
         self.register_buffer("subject_spread", torch.zeros(config.features, config.features))
         self.register_buffer("frame_spread", torch.zeros(config.features, config.features))
         # for pictures far from those that the features were learned of

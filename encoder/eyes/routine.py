@@ -71,10 +71,10 @@ class TargetSamples:
 
 @dataclass(frozen=True, kw_only=True)
 class EyeFit:
-    """What became of one eye."""
+    """Result of the fit for one eye."""
 
     name: str
-    seen: float  # share of the frames that show it
+    seen: float  # share of the frames in which it is seen
     before_deg: float | None = None  # mean distance from the targets, as the encoder guesses
     after_deg: float | None = None  # ... of each target, as a fit to the others has it
     gaze: str = ""  # why its gaze is left as it was; empty: fitted
@@ -82,13 +82,13 @@ class EyeFit:
 
     @property
     def followed(self) -> bool:
-        """It went where the targets were."""
+        """True if the eye followed the targets."""
         off = [deg for deg in (self.before_deg, self.after_deg) if deg is not None]
         return bool(off) and min(off) <= MAX_OFF_DEG
 
     @property
     def off_deg(self) -> float | None:
-        """How far it is off the targets now."""
+        """Mean distance from the targets with this calibration, degrees."""
         return self.before_deg if self.gaze else self.after_deg
 
     @property

@@ -1,4 +1,4 @@
-"""What a session learns by itself of the wearer: how far the lids open and shut, where gaze rests.
+"""Automatic calibration during a session: the range of the lids and the resting gaze.
 
 So that without calibration the head is right for eyes that are narrow, droopy or seen from an odd
 place. Everything moves slowly and by less and less, so nothing that is shown ever jumps.
@@ -16,11 +16,11 @@ from numpy.typing import NDArray
 from encoder.eyes.calibration import EyeCalibration
 
 Array = NDArray[np.float32]
-LID_PRIOR, LID_MEMORY = 60.0, 1800.0  # frames that the usual opening is known from: 2 s to 1 min
+LID_PRIOR, LID_MEMORY = 60.0, 1800.0  # frames of the usual opening: prior 2 s, memory 1 min
 NARROWEST = 0.45  # usual opening, as read, that is taken for an eye that is open
-OWN_DROOP = 0.12  # of opening: what a person's lids may hang without being lifted
+OWN_DROOP = 0.12  # of opening: droop of a person's lids that is not corrected
 AMID_BLINK = 0.6  # of the usual opening; below, a lid is on its way
-BLINK_PRIOR, BLINK_MEMORY = 2.0, 12.0  # blinks that the shut lid is known from
+BLINK_PRIOR, BLINK_MEMORY = 2.0, 12.0  # blinks after which the shut lid counts as known
 MOST_SHUT = 0.25  # opening, as read, that may stand for a shut eye
 GAZE_PRIOR, MEMORY = 900.0, 3600.0  # frames: half a minute, two minutes
 USUAL = np.array([[-0.032, -0.06], [0.032, -0.06]], np.float32)  # a little down, at 1 m
@@ -39,7 +39,7 @@ class SessionState:
     centre: Array  # [2, 2] x and y of the usual gaze
 
     def calibration(self) -> EyeCalibration:
-        """As far as it is known: the usual opening is open, and the usual gaze straight ahead."""
+        """The calibration learned so far: usual opening = open, usual gaze = straight ahead."""
         wide = np.clip(self.wide + OWN_DROOP, NARROWEST, 1.0)
         shut = np.minimum(self.shut, MOST_SHUT * wide)
         known = (self.frames / (self.frames + GAZE_PRIOR))[:, None]
@@ -60,7 +60,7 @@ def learned(
     good: NDArray[np.bool_],  # [2] the eye is seen
     state: SessionState,
 ) -> SessionState:
-    """One frame more."""
+    """The state after one more frame."""
     limit = AMID_BLINK * state.wide
     awake = good & (lids > limit)
     frames = np.minimum(state.frames + awake, MEMORY)

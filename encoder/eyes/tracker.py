@@ -1,4 +1,4 @@
-"""EyeTracker: eyes that are there whatever the cameras do, and never jump.
+"""EyeTracker: continuous eyes, whatever the cameras deliver.
 
 Where: EyeReading -> EyeTracker -> condition e [160], gaze and lids -> denoiser and decoder. Each
 eye follows its own camera. A picture in which no eye was found holds for a second what was shown, a
@@ -39,14 +39,14 @@ from encoder.eyes.gaze_walk import GazeWalk, WalkState
 from encoder.eyes.session import SessionState, learned, new_session
 from sensors.types import FPS
 
-OWN, OTHER, WALK = 0, 1, 2  # where an eye comes from
+OWN, OTHER, WALK = 0, 1, 2  # source of an eye
 SOURCES = ("camera", "other eye", "synthesised")
 HOLD_FRAMES = FPS // 5  # 200 ms without a picture
 NO_EYE_FRAMES = FPS  # 1 s of pictures without an eye
-# The chance of an eye, over time: it is there from FOUND on, until it falls below GONE. A picture
-# below BLIND shows none, whatever the ones before it have shown.
+# Smoothed probability of an eye: it is found above FOUND and lost below GONE. A picture
+# below BLIND shows none, whatever the previous ones showed.
 FOUND, GONE, BLIND, SCORE_SHARE = 0.6, 0.3, 0.1, 0.15
-SHUT, OPEN = 0.12, 0.35  # lid openings: below, gaze is not seen; above, it is
+SHUT, OPEN = 0.12, 0.35  # lid openings: below the first gaze is invisible, above the second visible
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class EyeState:
     source: tuple[int, int] = (WALK, WALK)
     lost: tuple[int, int] = (NO_EYE_FRAMES, NO_EYE_FRAMES)  # frames since the own eye was seen
     fade: tuple[int, int] = (FADE_FRAMES, FADE_FRAMES)  # frames since the source changed
-    score: tuple[float, float] = (0.0, 0.0)  # chance of an eye, over time
-    there: tuple[bool, bool] = (False, False)  # an eye is believed to be before the camera
+    score: tuple[float, float] = (0.0, 0.0)  # smoothed probability of an eye
+    there: tuple[bool, bool] = (False, False)  # an eye is in front of the camera
     walking: bool = False
 
 
@@ -214,6 +214,6 @@ def _source(
         return OWN  # held
     if good[1 - eye]:
         return OTHER
-    # the other eye may be in its hold: then this one waits with it
+    # the other eye may be held: then this one waits with it
     waits = before[eye] != WALK and before[1 - eye] == OWN and holds[1 - eye]
     return OWN if waits and not first else WALK

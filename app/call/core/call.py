@@ -1,4 +1,4 @@
-"""A call: what this end says, shows and agrees to, and everyone it hears and sees.
+"""One end of a call: its sound, face and consent, and the partners it hears and sees.
 
 microphone -> speak -> Opus -+
 loop's ticks -> tick --------+-> sealed -> Room ==network==> partner's Room -> Partner
@@ -27,13 +27,13 @@ from sensors.types import NS
 
 Sound = NDArray[np.float32]
 HELLO_NS = NS
-LEFT = 32  # partners of whom the report still tells
+LEFT = 32  # former partners that the report keeps
 GONE_NS = 5 * NS  # without a hello or a packet
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sight:
-    """A partner's tick on its way to the eye."""
+    """A partner's tick on its way to the picture."""
 
     identity: str
     tick: Tick
@@ -84,7 +84,7 @@ class Call:
         return agreement.may_record(self.hello, self._hellos())
 
     def change(self, **state: object) -> None:
-        """Set fields of the hello, and say so: accepted, muted, records, ..."""
+        """Set fields of the hello and send it: accepted, muted, records, ..."""
         self.hello = replace(self.hello, **state)
         self.say_hello()
 
@@ -104,11 +104,11 @@ class Call:
             self.room.say(HELLO + self.hello.to_bytes())
 
     def step(self) -> None:
-        """Once a second: say hello again, and let go of who is gone."""
+        """Once a second: send the hello again and drop partners that are gone."""
         now_ns = self._now_ns()
         for partner in self.partners.values():
             if now_ns - max(partner.hello_ns, partner.came_ns) > GONE_NS and partner.hello:
-                self._tell(f"{partner.hello.name} is gone")
+                self._tell(f"{partner.hello.name} has lost the connection")
                 partner.hello = None
         self.say_hello()
         if self.parcel and self.room and agreement.may_send_file(self.hello, self._hellos()):
@@ -120,13 +120,13 @@ class Call:
             self.room.say(BYE)
 
     def close(self) -> None:
-        """Let go of the encoder and of everybody's decoder."""
+        """Free the encoder and every partner's decoder."""
         self._outgoing.close()
         for partner in self.partners.values():
             partner.close()
 
     def speak(self, first_sample: int, samples: Sound, t_ns: int) -> None:
-        """Sound of the microphone: the device's count and the time of its first sample."""
+        """Send sound of the microphone; `first_sample` and `t_ns` are those of its first sample."""
         self._outgoing.speak(first_sample, samples, t_ns, self.hello.muted)
 
     def tick(self, tick: Tick, end_ns: int) -> None:

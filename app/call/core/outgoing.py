@@ -1,4 +1,4 @@
-"""What this end says and does, as packets: Opus every 10 ms, codes every tick, on one count of
+"""Outgoing packets of this end: Opus every 10 ms, codes every tick, on one count of
 samples.
 """
 
@@ -13,7 +13,7 @@ from app.call.wire.packet import TICKS, Ints, Packer, Tick
 from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 Sound = NDArray[np.float32]
-MARKS = 3  # empty packets that say that no voice follows
+MARKS = 3  # empty packets that announce silence
 TOLERANCE = 48  # samples between voice and ticks before their offset is set anew
 MAX_GAP = SAMPLE_RATE  # samples of lost sound that are sent as silence
 # stream, content, media, and the counter it is sealed with (None: the next)
@@ -44,7 +44,7 @@ class Outgoing:
         if self._time is None:
             self._time, self._first = (0, t_ns), first
         media, expected = first - self._first, self._at + len(self._sound)
-        if not 0 <= media - expected <= MAX_GAP:  # the device began anew, or was away: by the clock
+        if not 0 <= media - expected <= MAX_GAP:  # the device restarted: use the clock
             passed = (t_ns - self._time[1]) * SAMPLE_RATE // NS
             media = max(expected, self._time[0] + passed)
             self._first = first - media

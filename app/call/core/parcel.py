@@ -21,7 +21,7 @@ HEAD = struct.Struct("<HI")  # number of the part, bytes of all
 
 
 class Parcel:
-    """What this end offers."""
+    """The file that this end offers."""
 
     def __init__(self, path: Path) -> None:
         """Raises InputError where the file is too large to be sent."""
@@ -36,7 +36,7 @@ class Parcel:
         self._next = 0
 
     def parts(self) -> list[bytes]:
-        """The next few, over and over."""
+        """The next few parts; begins again after the last."""
         count = -(-len(self.packed) // PART)
         numbers = [(self._next + k) % count for k in range(min(PARTS_A_STEP, count))]
         self._next = (numbers[-1] + 1) % count
@@ -45,7 +45,7 @@ class Parcel:
 
 
 class Receipt:
-    """What has come of a partner's file so far."""
+    """The parts of a partner's file received so far."""
 
     def __init__(self, digest: str, size: int) -> None:
         self.digest, self._size = digest, size

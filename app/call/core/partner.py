@@ -1,4 +1,4 @@
-"""One partner: what comes of them is opened, checked, counted and put on their own timeline."""
+"""One partner: their packets are decrypted, checked, counted and put on a timeline of their own."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,12 +30,12 @@ class PartnerCounts:
 
     @property
     def loss(self) -> float:
-        """Share of the packets of codes that never came."""
+        """Share of the code packets that were lost, 0..1."""
         sent = self.newest_code - self.first_code + 1
         return max(1 - self.codes / sent, 0.0) if self.codes else 0.0
 
     def kbps(self, until_ns: int) -> float:
-        """What came, with the headers around it."""
+        """Received rate in kb/s, headers included."""
         bits = 8 * (self.bytes + HEADERS * self.packets)
         return bits * 1e6 / max(until_ns - self.first_ns, 1)
 
@@ -50,7 +50,7 @@ class PartnerCounts:
 
 
 class Partner:
-    """Lives as long as the call; comes and goes."""
+    """Lives as long as the call; its connection may come and go."""
 
     def __init__(self, identity: str, keys: Keyring, packer: Packer, decoder: VoiceDecoder) -> None:
         self.identity = identity
@@ -59,7 +59,7 @@ class Partner:
         self.timeline = Timeline()
         self.voice = VoiceTrack(self.timeline, decoder)
         self.receipt: Receipt | None = None  # of the avatar's file that comes
-        self.problem = ""  # the last thing refused, in one line
+        self.problem = ""  # reason of the last refusal, one line
         self.heard_ns = -HEARD_NS  # when voice last came
         self.came_ns = 0  # when anything last came
         self.hello_ns = 0

@@ -1,4 +1,4 @@
-"""What the screen tells of a call: who hears you, and how each partner's line is."""
+"""Status lines of a call: who hears you, and the quality of each partner's line."""
 
 from collections.abc import Mapping
 

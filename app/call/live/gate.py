@@ -1,4 +1,4 @@
-"""Mute, seen from the driver: no sound and no pictures of the eyes reach it, so that the face does
+"""Mute for the driver: it gets no sound and no pictures of the eyes, so that the face does
 not show what is not to be heard or seen. The call's process holds back the packets itself.
 """
 
@@ -8,7 +8,7 @@ from sensors.types import EyePacket, Packet, Source, SourceInfo
 
 
 class Gate:
-    """Stands before the sensors of a live run."""
+    """Wraps the sensors of a live run."""
 
     def __init__(self, source: Source, link: CallLink) -> None:
         self._source, self._link = source, link

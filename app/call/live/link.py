@@ -1,4 +1,4 @@
-"""The loop's end of a call: starts its process, feeds it, and takes in what it says.
+"""The loop's end of a call: starts the call's process, feeds it and reads its messages.
 
 Microphone -> CallMicrophone (own thread, every few ms) -> call's process
                     \\-> LiveSource -> ... -> DrivenFrame -> CallSink -> call's process
@@ -57,7 +57,9 @@ class CallLink:
         while not self.invite:
             self.read()
             if self.ended or clock.now_ns() > until_ns:
-                raise InputError(self.error or "call: expected it to open, got nothing; try again")
+                raise InputError(
+                    self.error or "call: expected an invite in time, got none; try again"
+                )
             clock.sleep_until_ns(clock.now_ns() + NS // 50)
         return self.invite
 
@@ -76,7 +78,7 @@ class CallLink:
             self.ended = True
 
     def read(self) -> None:
-        """Take in what the call's process has sent; never blocks."""
+        """Read what the call's process has sent; never blocks."""
         with self._lock:
             for packet in () if self.ended else self._socket.waiting():
                 self._take(packet[:1], packet[1:])
@@ -200,7 +202,7 @@ class CallSink:
 
 
 class CallPanel:
-    """Tells the call of the mute button; all else goes to the loop as it was."""
+    """Reports the mute button to the call; passes everything else to the loop unchanged."""
 
     def __init__(self, panel: ControlPanel, link: CallLink) -> None:
         self._panel, self._link = panel, link

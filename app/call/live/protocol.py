@@ -1,4 +1,4 @@
-"""What crosses between the loop and the call's process, see app.process.
+"""Messages between the loop and the call's process, see app.process.
 
 loop:  settings at its start, sound of the microphone, ticks, changes of state
 call:  the invite, lines to tell, what the loudspeaker plays (for the echo canceller), a report

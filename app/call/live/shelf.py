@@ -1,4 +1,4 @@
-"""Where avatars are kept that partners have sent: checked, private, for one call."""
+"""Avatars received from partners: checked, private, kept for one call."""
 
 import hashlib
 import json
@@ -10,18 +10,18 @@ from sensors.types import InputError
 
 
 class Shelf:
-    """In a folder that goes with the call."""
+    """Files in a folder that is removed with the call."""
 
     def __init__(self, folder: Path, tell: Callable[[str], None]) -> None:
         self._folder, self._tell = folder, tell
-        self._paths: dict[str, str] = {}  # by digest; empty: it is of no use
+        self._paths: dict[str, str] = {}  # by digest; empty: cannot be drawn
 
     def path(self, digest: str) -> str:
-        """The file that can be drawn, or nothing."""
+        """Path of the checked file; empty if there is none."""
         return self._paths.get(digest, "")
 
     def keep(self, received: Mapping[str, bytes]) -> None:
-        """Write and check what is new."""
+        """Write and check new files."""
         for digest, data in received.items():
             if digest not in self._paths:
                 self._paths[digest] = self._checked(data)

@@ -1,4 +1,4 @@
-"""The tape of a call: it runs while it is wanted here and everybody agrees, no packet longer."""
+"""Recording in a call: runs only while it is on here and everybody agrees."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +12,7 @@ STEM = Path("call")
 
 
 class CallTape:
-    """Stands where a Tape does."""
+    """Used in place of a Tape."""
 
     def __init__(
         self, link: CallLink, first: Path | None, record_to: Callable[[Path], PacketRecorder]

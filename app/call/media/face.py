@@ -36,16 +36,16 @@ class FaceCounts:
 
 @dataclass(frozen=True)
 class Seen:
-    """What became of a face where it was drawn."""
+    """Statistics of a face where it was drawn."""
 
     due: int = 0  # ticks
     held: int = 0  # of those: not there when they were to be shown
-    behind_ms: float = 0.0  # how old what is shown is lately, beyond the sound
+    behind_ms: float = 0.0  # smoothed lag of the shown pose behind the sound
 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What to draw."""
+    """The pose to draw."""
 
     tick: Tick
     presence: float  # 0 gone .. 1 here

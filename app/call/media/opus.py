@@ -21,7 +21,7 @@ MAX_PAYLOAD = 400  # bytes; 32 kb/s needs 40
 VOIP = 2048  # the numbers of opus_defines.h
 ENCODER = {
     4002: BIT_RATE,
-    4012: 1,  # error correction in band
+    4012: 1,  # in-band error correction
     4014: LOSS_PERCENT,
     4010: 1,  # complexity of 10: half the time of 4, spectra .15 dB farther from the voice
 }

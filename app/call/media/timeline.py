@@ -1,4 +1,4 @@
-"""When a partner's media is played: one clock for voice and face, and the audio is its master.
+"""When a partner's media is played: one clock for voice and face, led by the audio.
 
 A unit of media (a packet of voice, a tick) has a lag: our clock when it could be played minus its
 media time, whatever brought it: itself, the error correction of the next packet, a repeated tick.
@@ -27,7 +27,7 @@ Lags = tuple[deque[int], deque[float]]  # our clock in ns, lag in ms; of as many
 
 @dataclass(frozen=True, kw_only=True)
 class DelaySettings:
-    """How much is waited for what is late."""
+    """How long to wait for late media."""
 
     most_ms: float = 200.0  # beyond the fastest unit of the last second
     quantiles: Mapping[str, float] = field(

@@ -19,7 +19,7 @@ from sensors.types import SAMPLE_RATE
 Sound = NDArray[np.float32]
 PULL = 480  # samples that a loudspeaker asks for at a time, at most, for the delay to be right
 READ_AHEAD = PULL + PULL // 50 + speed.AFTER + 2  # samples decoded before the first is heard
-FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from where we play are nonsense
+FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from the playing position are invalid
 GONE = 50  # packets missing in a row: the partner is not late but away
 SPEECH_RMS = 0.01
 

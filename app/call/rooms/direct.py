@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 PATH = "/call"
 MAX_MESSAGE = 1 << 16
 STRANGERS = 16  # connections that have not yet shown that they hold the secret
-PROOF_S = 5.0  # to do so
+PROOF_S = 5.0  # time to prove it
 CLOSE_S = 1.0  # that a closing handshake may take
 HEARTBEAT_S = 5.0
 WRONG_SECRET, BUSY = 4403, 4409  # why a WebSocket was closed
@@ -43,7 +43,7 @@ REFUSALS = {
 
 
 class DirectRoom:
-    """What both ends share: all but who listens and who dials."""
+    """The part that host and guest share."""
 
     def __init__(self, events: Events, line: LineSettings) -> None:
         self._events, self._line = events, line
@@ -78,7 +78,7 @@ class DirectRoom:
             if isinstance(message.data, bytes):
                 identity, opened = self._events.open(message.data)
                 if self._partner not in ("", identity):
-                    raise SealError("another end speaks")
+                    raise SealError("expected messages of one partner, got another identity")
                 self._partner = identity
                 await self._take(identity, opened)
 
@@ -88,7 +88,7 @@ class DirectRoom:
             connection = await self._new_connection()
             self.say(ANSWER + (await connection.answer(body.decode())).encode())
         elif kind == ANSWER and self._connection is not None:
-            with contextlib.suppress(Exception):  # it answers an offer that is void by now
+            with contextlib.suppress(Exception):  # answers an offer that is no longer valid
                 await self._connection.accept(body.decode())
         else:
             self._events.message(identity, message)
@@ -162,7 +162,7 @@ class DirectHost(DirectRoom):
         try:
             await socket.prepare(request)
             self._strangers.append(socket)
-            if len(self._strangers) > STRANGERS:  # who holds a place and says nothing loses it
+            if len(self._strangers) > STRANGERS:  # a silent connection loses its place
                 await self._strangers.pop(0).close(code=WRONG_SECRET)
             async with asyncio.timeout(PROOF_S):
                 first = await socket.receive_bytes()
@@ -230,7 +230,7 @@ class DirectGuest(DirectRoom):
                         ) from None
                 if told != self._partner:
                     told = self._partner
-                    self._events.tell("the line is gone; dialling again until it is back")
+                    self._events.tell("the connection is lost; dialling again until it is back")
                 await asyncio.sleep(RETRY_S)
 
 

@@ -1,4 +1,4 @@
-"""What one person in a room publishes, as it comes here: a connection of its own to the server."""
+"""The media that one person in a room publishes, received over a connection of its own."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,7 @@ from app.call.wire.invite import Invite
 
 
 class Feed:
-    """Subscribed to until it is cancelled; made anew where it does not open or falls silent."""
+    """Runs until cancelled; reconnects where the connection does not open or falls silent."""
 
     def __init__(
         self,
@@ -35,7 +35,7 @@ class Feed:
                 await asyncio.sleep(RETRY_S)
 
     async def _subscribe(self, session: JanusSession) -> None:
-        """Until nothing comes any more."""
+        """Receive until nothing comes any more."""
         handle = await session.attach()
         line = self._line
         connection = Connection(

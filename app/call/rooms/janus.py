@@ -71,7 +71,7 @@ class JanusRoom:
                         "is it running?"
                     ) from None
             if self._is_in:
-                self._events.tell("the room's server is gone; coming back as soon as it is there")
+                self._events.tell("the room's server is gone; will reconnect when it answers")
                 self._is_in = False
             await asyncio.sleep(RETRY_S)
 
@@ -93,7 +93,7 @@ class JanusRoom:
         await asyncio.gather(*feeds, return_exceptions=True)
 
     async def _take_part(self, session: JanusSession) -> None:
-        """Until the server goes, or nothing reaches it."""
+        """Take part until the server is gone or unreachable."""
         publisher = self._publisher = Connection(
             None,
             self._message,
@@ -153,7 +153,7 @@ class JanusRoom:
             "pin": self._invite.pin,
             "publishers": MAX_PEOPLE,
             "audiocodec": "opus",
-            "opus_fec": False,  # it is ours, and sealed
+            "opus_fec": False,  # our own, and sealed
             "is_private": True,
             "notify_joining": False,
         }
@@ -175,7 +175,7 @@ class JanusRoom:
         return lambda stream, sealed: self._events.packet(identity, stream, sealed)
 
     def _message(self, data: bytes) -> None:
-        """From anybody's data channel; the server may send what it likes."""
+        """A message of a data channel; not trusted, as the server may send anything."""
         with contextlib.suppress(SealError):
             identity, message = self._events.open(data)
             self._events.message(identity, message)

@@ -87,7 +87,7 @@ class JanusSession:
         return data | ({"jsep": event["jsep"]} if "jsep" in event else {})
 
     async def event_with(self, handle: int, key: str) -> dict[str, Any]:
-        """The next event that has `key`."""
+        """The next event with `key`."""
         async with asyncio.timeout(ANSWER_S):
             while key not in (data := await self.event(handle)):
                 pass

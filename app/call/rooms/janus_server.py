@@ -1,4 +1,4 @@
-"""A Janus server of our own: the folder of its configuration, and its process.
+"""Runs a Janus server: writes its configuration folder and starts its process.
 
 Janus is a program of its own (Debian: apt-get install janus). It asks for a token signed with the
 server's key and, to make a room, for a key derived from it.
@@ -141,7 +141,7 @@ def _certificate_lines(path: Path | None) -> str:
 def _plugins() -> Path:
     if shutil.which("janus") is None:
         raise InputError(
-            "call: expected Janus for a room, got none; run: sudo apt-get install janus"
+            "call: expected the Janus program for a room, got none; run: sudo apt-get install janus"
         )
     for root in (*Path("/usr/lib").glob("*/janus"), Path("/usr/lib/janus"), Path("/opt/janus/lib")):
         if (root / "plugins").is_dir():

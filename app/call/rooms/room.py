@@ -1,4 +1,4 @@
-"""What a call needs of the way that its ends find each other."""
+"""The protocol of rooms: how the ends of a call find each other and exchange packets."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -16,7 +16,7 @@ CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 an
 
 @dataclass(frozen=True, kw_only=True)
 class Events:
-    """What a room tells the call, and asks it."""
+    """Callbacks of a room into the call."""
 
     packet: Callable[[str, Stream, bytes], None]  # identity, stream, sealed
     seal: Callable[[bytes], bytes]  # a message, with who sends it
@@ -29,7 +29,7 @@ class Events:
 
 @dataclass(frozen=True, kw_only=True)
 class LineSettings:
-    """How the media travels."""
+    """Addresses that the media uses."""
 
     ice_servers: tuple[str, ...] = ()
     reroute: Reroute | None = field(default=None, compare=False)

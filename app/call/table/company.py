@@ -1,4 +1,4 @@
-"""Everybody at one table: the partners' heads side by side, who speaks nearest, the own head small.
+"""All heads of a call in one cloud: partners side by side, the speaker larger, the own head small.
 
 All are one cloud of Gaussians, so that window, page, headset and pictures draw a call as they draw
 one head.
@@ -31,7 +31,7 @@ Floats = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Place:
-    """Where a head goes: turned about the vertical, scaled, moved."""
+    """Placement of a head: turned about the vertical, scaled, moved."""
 
     scale: float
     turn_deg: float
@@ -81,7 +81,7 @@ def placed(gaussians: Gaussians, place: Place, presence: float = 1.0) -> Gaussia
 
 
 class Company:
-    """Draws on one decoder; avatars are loaded as they come."""
+    """Draws with one decoder; avatars are loaded when first needed."""
 
     def __init__(self, decoder: Decoder, seats: Seats) -> None:
         self._decoder, self._reader = decoder, SeatReader(seats)
@@ -110,7 +110,7 @@ class Company:
         return joined(clouds)
 
     def _follow(self, sitters: list[Sitter]) -> list[float]:
-        """The loudest grows, the others shrink, all of them slowly."""
+        """Enlarge the loudest and shrink the others, slowly."""
         loudest = max(sitters, key=lambda s: s.level)
         for sitter in sitters:
             goal = SPEAKER if sitter is loudest and sitter.level > SPEAKS else 1.0

@@ -1,4 +1,4 @@
-"""Memory that the call's process shares with everything that draws: who sits where, their ticks.
+"""Memory that the call's process shares with every renderer: the partners and their ticks.
 
     call -> Seats -> window, page, pictures: each asks its own FaceTrack for the pose of its moment
 
@@ -79,7 +79,7 @@ class Seats:
         self._status["may_record"][0] = agreed
 
     def take(self, identity: str, name: str, avatar: str, file: str = "") -> None:
-        """Sit down, or tell a new name; the eighth person finds no seat."""
+        """Give `identity` a seat or update its name; False if all seats are taken."""
         seat = self._seat(identity)
         if seat is None:
             free = [row for row in self.rows if not row["identity"]]
@@ -111,7 +111,7 @@ class Seats:
         slot["number"] = seat["posted"] = number
 
     def hear(self, identity: str, anchor: tuple[int, float, float], level: float) -> None:
-        """What is heard of `identity`: Timeline.anchor, and how loud."""
+        """Post the timeline (Timeline.anchor) and the voice level of `identity`."""
         seat = self._seat(identity)
         if seat is not None:
             seat["anchor_ns"], seat["level"] = 0, level
@@ -119,7 +119,7 @@ class Seats:
             seat["anchor_ns"] = anchor[0]
 
     def seen(self) -> dict[str, Seen]:
-        """What the reader that drew last says of each face."""
+        """Statistics of each face, from the reader that drew last."""
         rows = [row for row in self.rows if row["identity"]]
         return {
             row["identity"].decode(): Seen(int(row["seen"][0]), int(row["seen"][1]), row["seen"][2])

@@ -69,7 +69,7 @@ async def run(settings: EndSettings) -> None:
         )
         print(json.dumps({"invite": str(invite)}), flush=True)
     await recorder.play(call)
-    await asyncio.sleep(1)  # the other end has the same right to be heard out
+    await asyncio.sleep(1)  # keep running: the other end needs as long to finish
     call.say_bye()
     task.cancel()
     await call.room.close()
@@ -164,7 +164,7 @@ class Recorder:
         beats.of_call(call.step)
 
     def _begin(self, call: Call, beats: Beats) -> None:
-        """What came before is warm-up."""
+        """Start of the measurement; everything before is warm-up."""
         for partner in call.partners.values():
             partner.voice.counts = type(partner.voice.counts)()
         self._face.counts = type(self._face.counts)()

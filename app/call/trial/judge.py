@@ -1,4 +1,4 @@
-"""What an end heard and saw, against what the other said and did: not by anybody's bookkeeping but
+"""Delays and errors between what one end sent and the other received, measured independently:
 by comparing sound with sound and codes with codes.
 """
 

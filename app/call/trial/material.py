@@ -1,4 +1,4 @@
-"""What is said and shown in a trial: sound, the codes that belong to it, and where the lips are."""
+"""Test material of a trial: sound, the matching codes, and the positions of the lips."""
 
 from dataclasses import dataclass, fields
 from pathlib import Path

@@ -84,7 +84,7 @@ class Person:
         self._call.tick(Tick(index, m.expression[row], m.gaze[row]), end_ns)
 
     def obey(self, word: str) -> None:
-        """A line of the input."""
+        """Handle one line of the input."""
         now_ns = time.monotonic_ns()
         if word == "begin":
             for partner in self._call.partners.values():
@@ -147,4 +147,4 @@ def _say(value: dict[str, object]) -> None:
 
 if __name__ == "__main__":
     asyncio.run(run(PersonSettings(**json.loads(sys.argv[1]))))
-    os._exit(0)  # aiortc leaves tasks behind that complain
+    os._exit(0)  # aiortc leaves tasks behind that log errors

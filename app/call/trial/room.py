@@ -41,7 +41,7 @@ NETWORK = (
 REFUSED = {"wrong secret": "the secret of this room", "no token": "to be let in"}
 BACK_BAR_S, TOGETHER, CONCEALED, KBPS, CPU_SHARE = 10.0, 0.99, 0.01, 160.0, 0.15
 LOSS = 0.05  # of the second person's leg
-MEET_S, BACK_S = 90.0, 60.0  # patience, on a busy machine
+MEET_S, BACK_S = 90.0, 60.0  # timeout, for a busy machine
 LOOK_S = 0.05
 
 
@@ -52,10 +52,10 @@ class RoomSettings:
 
 
 def run_room(settings: RoomSettings) -> dict[str, Any]:
-    """What they found. Raises InputError where Janus or a network of its own are not to be had."""
+    """Run the scene; return its findings. InputError without Janus or network namespaces."""
     if shutil.which("janus") is None or shutil.which("unshare") is None:
         raise InputError(
-            "call test --room: expected janus, unshare and ip (Linux), got not all of them; "
+            "call test --room: expected janus, unshare and ip (Linux), got only some of them; "
             "run: sudo apt-get install janus util-linux iproute2"
         )
     module = [sys.executable, "-m", "app.call.trial.room", json.dumps(asdict(settings))]
@@ -93,7 +93,7 @@ def metrics_of(found: dict[str, Any]) -> dict[str, Any]:
 
 
 class Visitor:
-    """The process of one person, and what it last said."""
+    """The process of one person, and its latest output."""
 
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.sees = 0
@@ -137,7 +137,7 @@ async def visit(settings: PersonSettings) -> Visitor:
 
 
 async def scene(settings: RoomSettings, folder: Path) -> dict[str, Any]:
-    """They meet, talk, lose the server and come back."""
+    """Everybody meets, talks, loses the server and reconnects."""
     pem = folder / "certificate.pem"
     pin = write_certificate(pem).hex()
     at = ServerSettings(key=secrets.token_hex(16), host=HOST, certificate=pem)
@@ -199,7 +199,7 @@ async def watched(people: Sequence[Visitor], seconds: float) -> float:
 
 
 async def refusals(invite: Invite) -> dict[str, str]:
-    """What is told to those who have no right to come in."""
+    """The refusals that uninvited visitors get."""
     false = {
         "wrong secret": replace(invite, secret=bytes(16)),
         "no token": replace(invite, token="1,janus,janus.plugin.videoroom:AAAA"),

@@ -1,4 +1,4 @@
-"""Who agreed to what. Each end tells its whole state again and again; a lost message changes
+"""Consent in a call. Each end repeats its whole state, so a lost message changes
 nothing, and what may be sent or recorded follows from the states alone.
 """
 
@@ -24,7 +24,7 @@ class Hello:
     name: str
     avatar: str = ""  # a name; it is drawn as such where it is known
     basis: int
-    accepted: bool = False  # agrees to send and to be sent to
+    accepted: bool = False  # agrees to send and to receive
     muted: bool = False
     eyes_muted: bool = False
     records: bool = False  # asks to record, and does so once everybody agrees
@@ -111,7 +111,7 @@ def may_receive(mine: Hello, theirs: Hello) -> bool:
 
 
 def may_record(mine: Hello, theirs: Collection[Hello]) -> bool:
-    """What is said is written down only while everybody present agrees."""
+    """Recording is allowed only while everybody present agrees."""
     return mine.records and len(theirs) > 0 and all(t.may_record for t in theirs)
 
 
@@ -123,13 +123,13 @@ def may_send_file(mine: Hello, theirs: Iterable[Hello]) -> bool:
 
 
 def offer_of(theirs: Hello) -> str:
-    """What is told of the file that they offer."""
+    """Text about the avatar file that they offer; empty if none."""
     size = f"{theirs.parcel_bytes / 1e3:.0f} kB"
     return f" and offers the file of an avatar, {size}: a takes it" if theirs.parcel else ""
 
 
 def heard_by(mine: Hello, theirs: Iterable[Hello]) -> int:
-    """How many hear this end now."""
+    """Number of partners that hear this end now."""
     return sum(mine.identity in t.hears for t in theirs)
 
 

@@ -16,7 +16,7 @@ _SHIFTS = np.arange(16)[::-1]  # a field has 16 bits at most
 
 
 class BitsError(ValueError):
-    """Bits that no honest writer makes."""
+    """Malformed bits."""
 
 
 def full(values: Ints, widths: Ints) -> Bits:

@@ -45,7 +45,7 @@ _LEAST = np.where(_SIGN > 0, -_MOST, 0.0)
 
 
 class MalformedError(ValueError):
-    """A packet that no honest sender makes; it is counted and dropped."""
+    """A malformed packet; it is counted and dropped."""
 
 
 @dataclass(frozen=True, eq=False)

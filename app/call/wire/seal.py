@@ -1,4 +1,4 @@
-"""What nobody between the ends can read or forge: ChaCha20-Poly1305 with a counter nonce.
+"""End-to-end encryption: ChaCha20-Poly1305 with a counter nonce.
 
 Each sender has a random `identity` and, derived from it and the invite's secret, one key a stream.
 A counter is used once a key, so a nonce never comes twice; a window refuses what was seen before.
@@ -77,7 +77,7 @@ class Opener:
             nonce = bytes(8) + sealed[: COUNTER.size]
             plain = self._cipher.decrypt(nonce, sealed[COUNTER.size :], b"")
         except InvalidTag:
-            raise SealError("seal: not made with this call's secret") from None
+            raise SealError("seal: expected this call's secret, got another") from None
         if age < 0:
             self._seen = (self._seen << min(-age, WINDOW) | 1) & (1 << WINDOW) - 1
             self._newest = counter
@@ -87,7 +87,7 @@ class Opener:
 
 
 class Keyring:
-    """All streams of this end, and those of everyone who has shown to hold the secret."""
+    """Keys of all streams of this end and of every partner that has proved to hold the secret."""
 
     def __init__(self, secret: bytes, identity: str) -> None:
         self.identity = identity  # 32 hex digits
