@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from app.web import packing
 from app.web.packing import POSITION_MAX, SCALE_MAX, TURN_MAX
-from render.lighting import FILM, HALF_WIDTHS, TOWARDS
-from render.splats.shine import SPREAD
+from render.lighting import FILM, TOWARDS
+from render.splats.shine import SOFT
 from render.types import Gaussians, Shine
 from sensors.rotation import Vector
 
@@ -81,7 +81,7 @@ def pack_shine(shine: Shine | None) -> bytes:
     """The light, and what mirrors it."""
     if shine is None:
         return LIGHT.pack(0, *np.zeros(33))
-    lamps = np.concatenate([TOWARDS, (HALF_WIDTHS * SPREAD)[:, None]], 1)
+    lamps = np.concatenate([TOWARDS, SOFT[:, None]], 1)
     head = LIGHT.pack(len(shine.weights), *lamps.flat, *shine.lamps.flat, *FILM)
     weights = np.rint(np.clip(shine.weights / WEIGHT_MAX, 0, 1) * 255).astype(np.uint8)
     return head + weights.tobytes() + np.rint(shine.roughness * 255).astype(np.uint8).tobytes()

@@ -1,7 +1,8 @@
 """What Gaussians mirror: one lobe each, for the lamps of `render/lighting.py` and one viewer.
 
 Skin mirrors lamps where its normal lies half-way between lamp and viewer, so its colour depends on
-where it is seen from: both eyes of a headset see another. Computed when a picture is drawn.
+where it is seen from: both eyes of a headset see another. Computed when a picture is drawn, in
+passes over flat arrays, which numba makes vector code of.
 """
 
 # pyright: reportUntypedFunctionDecorator=false
@@ -13,73 +14,105 @@ from render.lighting import FILM, HALF_WIDTHS, TOWARDS
 from render.types import Floats, Gaussians
 
 FRONT_MM = np.array([0.0, 15.0, 900.0], np.float32)  # where pictures are mostly taken from
-F0, SPREAD = np.float32(0.028), np.float32(0.5)  # as in shaders/mesh.frag.glsl
+FAST = {"cache": True, "nogil": True, "error_model": "numpy"}
+F0, SOFT = np.float32(0.028), HALF_WIDTHS * np.float32(0.5)  # as in shaders/mesh.frag.glsl
+ZERO, ONE, TWO, FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
+TINY, TENTH = np.float32(1e-9), np.float32(0.1)
+QUARTER, HALF = np.float32(0.25), np.float32(0.5)
 
 
 def colors_from(cloud: Gaussians, viewer_mm: NDArray[np.floating] = FRONT_MM) -> Floats:  # [N, 3]
     """The stored colours as seen from a place [3]."""
-    if cloud.shine is None:
+    shine = cloud.shine
+    if shine is None:
         return cloud.colors
-    out = cloud.colors.copy()
-    shine, viewer = cloud.shine, np.asarray(viewer_mm, np.float32)
-    lobes = (shine.weights, shine.roughness, shine.lamps, TOWARDS, HALF_WIDTHS * SPREAD)
-    mirror(cloud.means, cloud.quats, *lobes, viewer, FILM, out)
+    sides = np.empty((6, len(shine.weights)), np.float32)
+    added = np.zeros((3, len(shine.weights)), np.float32)
+    means, quats = (np.ascontiguousarray(rows).reshape(-1) for rows in (cloud.means, cloud.quats))
+    face_viewer(means, quats, np.asarray(viewer_mm, np.float32), *sides)
+    weights = np.ascontiguousarray(shine.weights).reshape(-1)
+    for k in range(len(TOWARDS)):
+        lobe = (weights[k:], shine.roughness, SOFT[k:], TOWARDS[k], shine.lamps[k])
+        add_lobe(*(*sides, *lobe, *added))
+    out = np.array(cloud.colors, np.float32, order="C")
+    for k, light in enumerate(added):
+        add_light(light, FILM, out.reshape(-1)[k:])
     return out
 
 
-@njit(cache=True, nogil=True, error_model="numpy", fastmath=True)
-def mirror(
-    means: Floats,  # [N, 3] mm
-    quats: Floats,  # [N, 4] of the first M: z is turned to the normal
-    weights: Floats,  # [M, 4] of each lamp
-    roughness: Floats,  # [M]
-    lamps: Floats,  # [4, 3] linear light
-    towards: Floats,  # [4, 3] unit
-    soft: Floats,  # [4] what the width of a lamp adds to the roughness
+@njit(**FAST)
+def face_viewer(
+    means: Floats,  # [N * 3] mm
+    quats: Floats,  # [N * 4] of the first M: z is turned to the normal
     viewer: Floats,  # [3] mm
-    film: Floats,  # [5]
-    colors: Floats,  # [N, 3] stored, changed in place
+    nx: Floats,  # -> [M] unit normals, 0 where they face away
+    ny: Floats,
+    nz: Floats,
+    vx: Floats,  # -> [M] unit, towards the viewer
+    vy: Floats,
+    vz: Floats,
 ) -> None:
-    zero, one, tiny = np.float32(0), np.float32(1), np.float32(1e-9)
+    px, py, pz = viewer[0], viewer[1], viewer[2]
+    for i in range(len(nx)):
+        w, x, y, z = quats[4 * i], quats[4 * i + 1], quats[4 * i + 2], quats[4 * i + 3]
+        a, b, c = TWO * (x * z + w * y), TWO * (y * z - w * x), w * w - x * x - y * y + z * z
+        d, e, f = px - means[3 * i], py - means[3 * i + 1], pz - means[3 * i + 2]
+        turn = ONE / np.sqrt(a * a + b * b + c * c + TINY)
+        turn = turn if a * d + b * e + c * f > ZERO else ZERO
+        near = ONE / np.sqrt(d * d + e * e + f * f + TINY)
+        nx[i], ny[i], nz[i] = a * turn, b * turn, c * turn
+        vx[i], vy[i], vz[i] = d * near, e * near, f * near
+
+
+@njit(**FAST)
+def add_lobe(
+    nx: Floats,  # [M] see face_viewer
+    ny: Floats,
+    nz: Floats,
+    vx: Floats,
+    vy: Floats,
+    vz: Floats,
+    weights: Floats,  # every fourth is this lamp's
+    roughness: Floats,  # [M]
+    soft: Floats,  # first: what the width of the lamp adds to it
+    towards: Floats,  # [3] unit
+    lamp: Floats,  # [3] linear light
+    red: Floats,  # -> [M] linear light, added to
+    green: Floats,
+    blue: Floats,
+) -> None:
+    lx, ly, lz = towards[0], towards[1], towards[2]
+    wide, lamp_red, lamp_green, lamp_blue = soft[0], lamp[0], lamp[1], lamp[2]
+    for i in range(len(nx)):
+        hx, hy, hz = lx + vx[i], ly + vy[i], lz + vz[i]
+        length = hx * hx + hy * hy + hz * hz + TINY  # 2 + 2 cos = 4 (l . h)^2
+        lh2 = length * QUARTER
+        nl = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, ZERO)
+        nh = nx[i] * hx + ny[i] * hy + nz[i] * hz
+        rough = min(roughness[i] + wide, ONE)
+        r2 = rough * rough
+        a2 = r2 * r2
+        spread = nh * nh / length * (a2 - ONE) + ONE
+        out = ONE - np.sqrt(lh2)
+        fresnel = F0 + (ONE - F0) * (out * out * out * out * out)
+        light = weights[4 * i] * a2 * fresnel * nl
+        light /= spread * spread * FOUR * max(lh2, TENTH) * (rough + HALF)
+        red[i] += light * lamp_red
+        green[i] += light * lamp_green
+        blue[i] += light * lamp_blue
+
+
+@njit(**FAST)
+def add_light(
+    light: Floats,  # [M] linear, of one colour
+    film: Floats,  # [5]
+    colors: Floats,  # every third is this colour, stored; changed in place
+) -> None:
     a, b, c, d, e = film[0], film[1], film[2], film[3], film[4]
-    quarter, tenth, two, four = np.float32(0.25), np.float32(0.1), np.float32(2), np.float32(4)
-    half = np.float32(0.5)
-    for i in range(len(weights)):
-        w, x, y, z = quats[i, 0], quats[i, 1], quats[i, 2], quats[i, 3]
-        nx, ny, nz = two * (x * z + w * y), two * (y * z - w * x), w * w - x * x - y * y + z * z
-        vx, vy, vz = viewer[0] - means[i, 0], viewer[1] - means[i, 1], viewer[2] - means[i, 2]
-        facing = nx * vx + ny * vy + nz * vz
-        if facing <= zero:
-            continue
-        turn = one / np.sqrt(nx * nx + ny * ny + nz * nz + tiny)
-        nx, ny, nz = nx * turn, ny * turn, nz * turn
-        near = one / np.sqrt(vx * vx + vy * vy + vz * vz + tiny)
-        vx, vy, vz = vx * near, vy * near, vz * near
-        red = green = blue = zero
-        for k in range(4):
-            lx, ly, lz = towards[k, 0], towards[k, 1], towards[k, 2]
-            nl = nx * lx + ny * ly + nz * lz
-            if nl <= zero:
-                continue
-            hx, hy, hz = lx + vx, ly + vy, lz + vz
-            length = hx * hx + hy * hy + hz * hz + tiny  # 2 + 2 cos = 4 (l . h)^2
-            lh2 = length * quarter
-            nh = (nx * hx + ny * hy + nz * hz) / np.sqrt(length)
-            rough = min(roughness[i] + soft[k], one)
-            r2 = rough * rough
-            a2 = r2 * r2
-            spread = nh * nh * (a2 - one) + one
-            out = one - np.sqrt(lh2)
-            fresnel = F0 + (one - F0) * out * out * out * out * out
-            light = weights[i, k] * a2 * fresnel * nl
-            light /= spread * spread * four * max(lh2, tenth) * (rough + half)
-            red += light * lamps[k, 0]
-            green += light * lamps[k, 1]
-            blue += light * lamps[k, 2]
-        for k in range(3):
-            more = red if k == 0 else green if k == 1 else blue
-            r = colors[i, k] * colors[i, k]  # x (a x + b) / (x (c x + d) + e), solved for x
-            p, q = a - c * r, b - d * r
-            x = more + (np.sqrt(q * q + four * p * e * r) - q) / (two * p)
-            x = x * (a * x + b) / (x * (c * x + d) + e)
-            colors[i, k] = np.sqrt(min(x, one))
+    for i in range(len(light)):
+        stored = colors[3 * i]
+        r = stored * stored  # x (a x + b) / (x (c x + d) + e), solved for x
+        p, q = a - c * r, b - d * r
+        x = light[i] + (np.sqrt(q * q + FOUR * p * e * r) - q) / (TWO * p)
+        x = x * (a * x + b) / (x * (c * x + d) + e)
+        colors[3 * i] = np.sqrt(min(x, ONE)) if light[i] > ZERO else stored
