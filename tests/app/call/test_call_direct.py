@@ -130,6 +130,37 @@ def test_nothing_leaves_before_both_accepted_and_mute_stops_packets() -> None:
     asyncio.run(scene())
 
 
+def test_a_partner_whose_address_changes_is_back_by_itself() -> None:
+    """All their sockets die without a word; the new ones have another address."""
+
+    async def scene() -> None:
+        secret = secrets.token_bytes(16)
+        ann, ben = End(secret, "Ann"), End(secret, "Ben")
+        at = 0
+
+        async def meet(count: int) -> None:
+            nonlocal at
+            wanted = [len(end.seen) + count for end in (ann, ben)]
+            async with asyncio.timeout(PATIENCE_S):
+                while any(len(e.seen) < n for e, n in zip((ann, ben), wanted, strict=True)):
+                    await asyncio.gather(ann.talk(0.2, at), ben.talk(0.2, at))
+                    at += 20
+
+        async with host(ann, secret) as (_, invite), guest(ben, invite):
+            await meet(1)
+            before = ben.call.room._connection.pc
+            bind_only("127.0.0.2")
+            (transport,) = {line.sender.transport for line in before.getTransceivers()}
+            for protocol in transport.transport._connection._protocols:
+                protocol.transport.abort()
+            ben.call.room._socket._response.connection.transport.abort()
+            await meet(30)
+            after = ben.call.room._connection.pc
+            assert after is not before and "127.0.0.2" in after.localDescription.sdp
+
+    asyncio.run(scene())
+
+
 def test_the_wrong_secret_is_shown_out_and_the_call_goes_on() -> None:
     async def scene() -> None:
         secret = secrets.token_bytes(16)
