@@ -62,7 +62,13 @@ def test_the_stream_shows_what_the_loop_drove(
 def test_programs_get_every_tick_by_name(talker: Talker, decoder: Decoder) -> None:
     async def work() -> None:
         async with socket_to(talker, "json") as ws:
-            await asyncio.sleep(0.3)
+            first = asyncio.ensure_future(ws.receive_json())
+            while not first.done():  # it is let in
+                talker.tick()
+                await asyncio.sleep(0.02)
+            frame = (await first)["frame"]
+            while frame != talker.index:
+                frame = (await ws.receive_json())["frame"]
             start = talker.index + 1
             for index in range(start, start + 30):
                 talker.tick()

@@ -68,17 +68,24 @@ def test_a_second_page_goes_on_counting(talker: Talker) -> None:
     microphone.open()
     packets: list[AudioPacket] = []
 
+    async def is_heard(page: int) -> bool:
+        """False where the server has not yet seen the page before leave."""
+        async with socket_to(talker, "microphone") as ws:
+            await ws.send_bytes(chunk(77, np.full(480, 0.1 + page, np.float32)))
+            refused = asyncio.ensure_future(ws.receive())
+
+            def arrived() -> bool:
+                packets.extend(p for p in microphone.poll() if isinstance(p, AudioPacket))
+                return len(packets) == page + 1
+
+            await asyncio.to_thread(wait_until, lambda: arrived() or refused.done())
+            refused.cancel()
+            return arrived()
+
     async def work() -> None:
         for page in range(2):
-            async with socket_to(talker, "microphone") as ws:
-                await ws.send_bytes(chunk(77, np.full(480, 0.1 + page, np.float32)))
-
-                def arrived(page: int = page) -> bool:
-                    packets.extend(p for p in microphone.poll() if isinstance(p, AudioPacket))
-                    return len(packets) == page + 1
-
-                await asyncio.to_thread(wait_until, arrived)
-            await asyncio.sleep(0.3)
+            while not await is_heard(page):
+                pass
 
     play(work)
     assert [p.first_sample for p in packets] == [0, 480]
