@@ -17,7 +17,9 @@ from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 WINDOW = SAMPLE_RATE // 4  # samples of sound that are found in what was said
 SEARCH = SAMPLE_RATE // 2  # samples later than it was said at most
 ALIKE = 0.5  # correlation from which a window counts
-SPEEDS = np.linspace(0.98, 1.02, 17)  # at which sound is played while its delay adapts
+SPEED = 0.02  # more or less, at which sound is played while its delay adapts
+SPEEDS = np.linspace(1 - SPEED, 1 + SPEED, 17)
+WITHIN_MS = 1.0  # of the truth a window is found
 PART = round(WINDOW * 0.96)  # samples of a window that are there at every speed
 STEP_MS = 2.0
 SHIFTS_MS = np.arange(-120, 120 + STEP_MS, STEP_MS)  # of the face that are tried
@@ -62,7 +64,17 @@ def delays_ms(here: Found, there: Found, material: Material) -> NDArray[np.float
         if lag is not None:
             late_ms = (SEARCH + WINDOW / 2 - lag) * 1e3 / SAMPLE_RATE
             rows.append((heard_ns + WINDOW / 2 * 1e9 / SAMPLE_RATE, late_ms))
-    return np.array(rows, np.float64).reshape(-1, 2)
+    return steady(np.array(rows, np.float64).reshape(-1, 2))
+
+
+def steady(delays: NDArray[np.float64]) -> NDArray[np.float64]:
+    """[n, 2] without windows that were found a period of the voice's pitch off: no sound that is
+    played up to 2 % off speed goes there and comes back between the windows around."""
+    apart = np.abs(np.diff(delays[:, 1])) - SPEED * np.diff(delays[:, 0]) / 1e6 > WITHIN_MS
+    across = np.abs(delays[2:, 1] - delays[:-2, 1])
+    returns = across - SPEED * (delays[2:, 0] - delays[:-2, 0]) / 1e6 <= WITHIN_MS
+    alone = apart[:-1] & apart[1:] & returns
+    return delays[np.concatenate([[True], ~alone, [True]])[: len(delays)]]
 
 
 def lips_ms(

@@ -135,7 +135,7 @@ def test_an_emulated_headset_turns_and_moves_the_head(
                 frame, head = run.frame()
                 assert frame.head == packet.pose and frame.head_valid
                 return head
-            after = time_ms >= moved_ms
+            after |= time_ms >= moved_ms  # a busy browser's times may step back between the two
         raise AssertionError("no pose of the moved headset")
 
     rest = place((0, 0, 0), (0, 0, 0))
