@@ -8,26 +8,42 @@ calibration never breaks anything; what is refused stays as it was.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.eyes.calibration import MAX_SHIFT, EyeCalibration, as_tuples
+from encoder.eyes.calibration import MAX_SHIFT, EyeCalibration, as_tuples, nearness
 from sensors.types import EYE_NAMES, FPS
 
 Array = NDArray[np.float32]
-Map = tuple[NDArray[np.float64], NDArray[np.float64]]  # matrix [2, 2], shift [2]
+Points = NDArray[np.float64]  # [n, 2]
 SETTLE = FPS // 2  # frames that eyes take to arrive at a new target; not used
 MIN_FRAMES = 8  # good ones at a target
 MIN_TARGETS = 4  # that are looked at, of five
 RIDGE = 0.02  # pulls the map to the identity; gaze of 11 degrees has a square of 0.04
+NOISE = 0.5  # of what the map is off by at a target, the share that another look would not find
 MAX_CHANGE = 1.0  # of the map's matrix from the identity: some eyes' turns are read by half
 MAX_CROSSED = 0.5  # of one direction in the other
 MAX_OFF_DEG = 6.0  # of targets 10 to 15 degrees away, where eyes that follow are 1 to 3 off
 MIN_LID_RANGE = 0.3  # of openings between shut and open
 GOOD_DEG, FAIR_DEG = 2.0, 3.5  # off the targets
+
+
+class GazeMap(NamedTuple):
+    """EyeCalibration's map of one eye: an affine one, moved near the places seen."""
+
+    matrix: NDArray[np.float64]  # [2, 2]
+    shift: NDArray[np.float64]  # [2]
+    places: Points
+    moves: Points
+
+    def affine(self, x: Points) -> Points:
+        return x @ self.matrix.T + self.shift
+
+    def __call__(self, x: Points) -> Points:
+        return self.affine(x) + nearness(x, self.places) @ self.moves
 
 
 @dataclass(frozen=True)
@@ -101,14 +117,16 @@ class EyeFit:
 
 def fit(takes: Sequence[TargetSamples]) -> tuple[EyeCalibration, tuple[EyeFit, EyeFit]]:
     """Takes of a routine -> calibration, and how good it is for each eye."""
-    matrix, shift, shut, wide, _ = ([*value] for value in EyeCalibration()._arrays)
+    matrix, shift, shut, wide, *_ = ([*value] for value in EyeCalibration()._arrays)
     relative, fits = [False, False], list[EyeFit]()
+    places, moves = np.zeros((2, 2, sum(take.target.name == "look" for take in takes), 2))
     for eye, name in enumerate(EYE_NAMES):
         frames = [take.good[:, eye] for take in takes]
         seen = float(np.concatenate(frames).mean()) if frames else 0.0
         found, before, after, why = _fit_gaze(takes, eye)
         if found:
-            matrix[eye], shift[eye] = (part.astype(np.float32) for part in found)
+            matrix[eye], shift[eye] = (part.astype(np.float32) for part in found[:2])
+            places[eye, : len(found.places)], moves[eye, : len(found.moves)] = found[2:]
             relative[eye] = True
         lid = _fit_lid(takes, eye)
         if lid:
@@ -119,12 +137,14 @@ def fit(takes: Sequence[TargetSamples]) -> tuple[EyeCalibration, tuple[EyeFit, E
         )
     values = (as_tuples(np.asarray(value)) for value in (matrix, shift, shut, wide))
     calibration = EyeCalibration(*values, relative=(relative[0], relative[1]))
+    if any(relative):
+        calibration = replace(calibration, places=as_tuples(places), moves=as_tuples(moves))
     return calibration, (fits[0], fits[1])
 
 
 def _fit_gaze(
     takes: Sequence[TargetSamples], eye: int
-) -> tuple[Map | None, float | None, float | None, str]:
+) -> tuple[GazeMap | None, float | None, float | None, str]:
     """The map, if it is better and moderate; degrees off without and with it; why there is none."""
     seen, guessed, wanted = [], [], []
     for take in takes:
@@ -136,30 +156,31 @@ def _fit_gaze(
     if len(seen) < MIN_TARGETS:
         return None, None, None, f"seen at {len(seen)} of 5 targets only"
     x, y = np.array(seen, np.float64), np.array(wanted, np.float64)
-    matrix, shift = found = _ridge(x, y)
-    told = [_mapped(_ridge(np.delete(x, k, 0), np.delete(y, k, 0)), x[k]) for k in range(len(x))]
-    before, inside, after = (_off_deg(y, z) for z in (guessed, _mapped(found, x), told))
-    change = np.abs(matrix - np.eye(2))
+    found = _fitted(x, y)
+    others = [_fitted(np.delete(x, k, 0), np.delete(y, k, 0)) for k in range(len(x))]
+    told = np.concatenate([others[k](x[k : k + 1]) for k in range(len(x))])
+    before, inside, after = (_off_deg(y, z) for z in (guessed, found.affine(x), told))
+    change = np.abs(found.matrix - np.eye(2))
     plain = change.max() <= MAX_CHANGE and max(change[0, 1], change[1, 0]) <= MAX_CROSSED
     if min(before, after) > MAX_OFF_DEG:
         return None, before, after, "did not follow the targets"
     if inside >= before:
         return None, before, after, "no better than without"
-    if not plain or after > MAX_OFF_DEG or np.abs(shift).max() > MAX_SHIFT:
+    if not plain or after > MAX_OFF_DEG or np.abs(found.shift).max() > MAX_SHIFT:
         return None, before, after, "no map that fits the targets"
     return found, before, after, ""
 
 
-def _ridge(x: NDArray[np.float64], y: NDArray[np.float64]) -> Map:
+def _fitted(x: Points, y: Points) -> GazeMap:
+    """Ridge regression, and a Gaussian process on what it leaves."""
     middle = x.mean(0)
     away = x - middle
     change = np.linalg.solve(away.T @ away + RIDGE * np.eye(2), away.T @ (y - x)).T
     matrix = np.eye(2) + change
-    return matrix, y.mean(0) - matrix @ middle
-
-
-def _mapped(found: Map, x: NDArray[np.float64]) -> NDArray[np.float64]:
-    return x @ found[0].T + found[1]
+    shift = y.mean(0) - matrix @ middle
+    left = y - x @ matrix.T - shift
+    moves = np.linalg.solve(nearness(x, x) + NOISE**2 * np.eye(len(x)), left)
+    return GazeMap(matrix, shift, x, moves)
 
 
 def _off_deg(wanted: NDArray[np.float64], got: Sequence[NDArray[Any]] | NDArray[Any]) -> float:

@@ -59,6 +59,7 @@ class EyeState:
     session: SessionState
     encoder: EncoderState
     calibration: EyeCalibration | None = None  # of the person
+    own: Array | None = None  # [2, 3] gaze that the cameras told, calmed; None: nothing lately
     source: tuple[int, int] = (WALK, WALK)
     lost: tuple[int, int] = (NO_EYE_FRAMES, NO_EYE_FRAMES)  # frames since the own eye was seen
     fade: tuple[int, int] = (FADE_FRAMES, FADE_FRAMES)  # frames since the source changed
@@ -95,7 +96,8 @@ class EyeTracker:
         if reading is not None and good.any():
             told = reading.told(good)
             own = self._own(reading, told, good, state)
-            state = replace(state, session=learned(reading.lids, told, good, state.session))
+            session = learned(reading.lids, told, good, state.session)
+            state = replace(state, session=session, own=own.gaze)
         lost = tuple(0 if good[e] else min(state.lost[e] + 1, NO_EYE_FRAMES + 1) for e in (0, 1))
         first = state.shown is None
         holds = [lost[eye] <= (NO_EYE_FRAMES if fresh[eye] else HOLD_FRAMES) for eye in (0, 1)]
@@ -129,14 +131,20 @@ class EyeTracker:
         """The person's own gaze and lids, of the eyes that are seen; the features move along."""
         calibration = state.calibration or state.session.calibration()
         gaze, lids = calibration.apply(told, reading.relative, reading.lids)
-        before = self.encoder.synthesise(reading.as_features(told), reading.told_lids)
-        after = self.encoder.synthesise(gaze, lids)
-        features = bounded(reading.features + (after - before).astype(np.float32))
+        read = self.encoder.synthesise(reading.as_features(told), reading.told_lids)
+        change = self.encoder.synthesise(gaze, lids) - read
+        features = bounded(reading.features + change.astype(np.float32))
         gaze = joined(gaze, reading.lids, reading.score * good)
-        if state.shown is not None:
-            gaze = np.stack(
-                [calmed(state.shown.gaze[e], gaze[e], float(reading.doubt[e])) for e in (0, 1)]
-            )
+        # calmed where both are seen as in the frame before; else the fade leads to what is read now
+        steady = (good == (np.array(state.lost) == 0)).all()
+        before = state.own if steady else None
+        if before is not None:
+            gaze = np.stack([calmed(before[e], gaze[e], float(reading.doubt[e])) for e in (0, 1)])
+        elif state.shown is not None:
+            before = state.shown.gaze
+        if before is not None:  # a shut eye goes on looking where it looked
+            sight = np.clip((lids - SHUT) / (OPEN - SHUT), 0, 1).astype(np.float32)[:, None]
+            gaze = np.where(sight < 1, turned(before, gaze, sight), gaze)
         return ShownEyes(features, gaze, lids)
 
     def _walked(
@@ -168,16 +176,11 @@ class EyeTracker:
             average = self.encoder.synthesise(gaze, np.stack([there.lids, there.lids]))
             # features are of left-like eyes: what looks out here looks in over there
             features = bounded(there.features + average[eye] - average[1 - eye])
-            here = ShownEyes(features, there.gaze, there.lids)
-        elif good and own is not None:
-            here = ShownEyes(own.features[eye], own.gaze[eye], own.lids[eye])
-        else:  # hold
-            assert shown is not None
-            return ShownEyes(shown.features[eye], shown.gaze[eye], shown.lids[eye])
-        sight = np.float32(np.clip((here.lids - SHUT) / (OPEN - SHUT), 0, 1))
-        if shown is None or sight == 1:
-            return here
-        return here._replace(gaze=turned(shown.gaze[eye], here.gaze, sight))
+            return ShownEyes(features, there.gaze, there.lids)
+        if good and own is not None:
+            return ShownEyes(own.features[eye], own.gaze[eye], own.lids[eye])
+        assert shown is not None  # hold
+        return ShownEyes(shown.features[eye], shown.gaze[eye], shown.lids[eye])
 
 
 def eyes_in(state: EyeState) -> Array:

@@ -176,7 +176,7 @@ def make_thresholds(metrics: "Metrics") -> list[dict[str, Any]]:
     from app.terminal.thresholds import at_least, at_most
 
     highest = {
-        "gaze_error_deg_median": 2.0, "gaze_error_calibrated_deg_median": 1.0,
+        "gaze_error_deg_median": 1.7, "gaze_error_calibrated_deg_median": 0.8,
         "lid_error_mean": 0.05, "blink_delay_frames_median": 0.0, "eyes_cpu_ms": 1.5,
         "lve_over_audio_model": 1.0, "loss_gaze_jump_over_normal": 1.0,
         "loss_face_jump_over_normal": 1.0, "recovery_ms_worst": 300.0, "walk_worst_off": 0.1,

@@ -190,6 +190,22 @@ def test_an_eye_that_comes_back_from_its_hold_fades() -> None:
     assert np.array_equal(gaze[40:], both_of(rows)[40:])
 
 
+@pytest.mark.parametrize("lost", [(0,), (1,), (0, 1)])
+def test_once_the_fade_is_over_nothing_is_left_of_a_lost_camera(lost: tuple[int, ...]) -> None:
+    """Red before: the way back was calmed, too, and took twice as long."""
+    rows = readings(80, seed=3)[:1] * 80
+    rng = np.random.default_rng(0)
+    for t in range(80):  # a look that wanders by less than is doubted
+        away = unit(rows[0].gaze[:, :2] + 0.01 * np.sin(t / 9) + rng.normal(0, 0.001, (2, 2)))
+        rows[t] = rows[t]._replace(gaze=away, together=away, doubt=np.full(2, 2.5, np.float32))
+    seen = np.ones((80, 2), bool)
+    whole = gaze_of(follow(list(rows), seen)[0])
+    seen[20:50, list(lost)] = False
+    back = gaze_of(follow(list(rows), seen)[0])
+    off = np.degrees(np.linalg.norm(back - whole, axis=-1).max(1))
+    assert off[40] > 0.3 and off[50 + FADE_FRAMES + 4 :].max() < 0.06
+
+
 def test_the_seen_eye_fades_too_when_the_other_is_lost_and_found() -> None:
     """Its gaze is of both eyes while both are seen, and its own while one is."""
     row = readings(1)[0]
