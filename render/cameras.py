@@ -65,7 +65,7 @@ def portrait(
 
 @dataclass(frozen=True)
 class Orbit:
-    """A camera that a hand turns around the head; every move gives a new value."""
+    """A camera that the user turns around the head; every move returns a new value."""
 
     yaw_deg: float = 0.0  # towards the subject's left
     pitch_deg: float = 0.0  # upwards

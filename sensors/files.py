@@ -1,4 +1,4 @@
-"""Files beside which somebody else's may lie: a session, an avatar or weights from the network.
+"""Safe file access in folders that may come from others: sessions, avatars, weights.
 
 A folder that was sent may hold links. Reading or writing through one would reach any file of the
 user, so links and whatever is no regular file are refused, and nothing is written under a name
@@ -112,7 +112,7 @@ def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]
         except (*NOT_WHOLE, MemoryError) as error:  # numpy takes what a header claims
             raise ValueError(f"no whole npz file ({error})") from None
     if other := [name for name, array in found.items() if not isinstance(array, np.ndarray)]:
-        raise ValueError(f"{other[0]!r} is no array")
+        raise ValueError(f"{other[0]!r} is not an array")
     return found
 
 

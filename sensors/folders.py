@@ -1,4 +1,4 @@
-"""Where this user's things are kept: the system's own folders, as XDG, Windows and macOS say."""
+"""The user's folders for settings, data and cache, as XDG, Windows and macOS define them."""
 
 from pathlib import Path
 
@@ -18,5 +18,5 @@ def data() -> Path:
 
 
 def cache() -> Path:
-    """What can be computed again."""
+    """Files that can be computed again."""
     return platformdirs.user_cache_path(NAME, appauthor=False)

@@ -1,4 +1,4 @@
-"""OSC datagrams that anybody may have sent: the messages in them, read without trust.
+"""Reads messages of OSC datagrams from untrusted senders.
 
 python-osc follows nested bundles without end and logs what it cannot read, so it only gets single
 messages whose form was checked here. Used by every port that listens (sensors/head, --listen).

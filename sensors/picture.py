@@ -1,4 +1,4 @@
-"""What every eye camera gives: pictures with times, or a reason why not.
+"""The interface of eye cameras: pictures with times, or the reason why there is none.
 
 Flow: link (HTTP, serial, USB, V4L2, file) -> Shot -> EyeCamera -> EyePacket.
 """
@@ -20,7 +20,7 @@ class BadPictureError(Exception):
 
 
 class CameraLostError(Exception):
-    """The connection is gone; it has to be made again."""
+    """The connection is lost and has to be opened again."""
 
 
 @dataclass(frozen=True, eq=False)

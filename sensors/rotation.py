@@ -1,4 +1,4 @@
-"""Rotations of a head as unit quaternions wxyz, and the axes that others measure them in.
+"""Rotations of a head as unit quaternions wxyz, and the axes of other systems.
 
 Ours (HeadPose): +x towards the subject's left, +y up, +z forward, millimetres, right-handed.
 OpenXR and WebXR: +x right, +y up, +z backward, metres. Unity, VMC and VRChat: +x right, +y up,

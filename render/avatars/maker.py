@@ -93,7 +93,7 @@ class Maker:
         return sorted(k.removeprefix("eye.") for k in self._t if k.startswith("eye."))
 
     def albedo(self, skin: Floats, eye: str | Floats) -> Floats:  # [N, 3]
-        """The colour of every Gaussian, read as the photometric fit found best."""
+        """The colour of every Gaussian, sampled at the blur that the photometric fit chose."""
         if isinstance(eye, str) and eye not in self.eyes:
             raise InputError(f"eye: expected one of {', '.join(self.eyes)}, got {eye!r}")
         t = self._t

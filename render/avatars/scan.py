@@ -1,4 +1,4 @@
-"""What a person brings: geometry and texture from files, checked at the border.
+"""A person's geometry and texture, read from files and checked.
 
 Geometry is a scan registered to the topology of the prior's mesh, as npz or OBJ.
 """
@@ -33,7 +33,7 @@ def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) 
     if bad:
         raise InputError(
             f"{name}: expected finite coordinates, got {bad} vertices with NaN or infinity "
-            "(holes?); fill the holes before"
+            "(holes?); fill the holes first"
         )
     width, height, depth = np.ptp(vertices.astype(np.float64), axis=0).tolist()
     for factor in UNITS.values():
@@ -51,7 +51,7 @@ def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) 
     if collapsed > MAX_COLLAPSED:
         raise InputError(
             f"{name}: expected a surface without holes, got {collapsed:.0%} triangles without "
-            "area; fill the holes before"
+            "area; fill the holes first"
         )
     return vertices
 

@@ -1,4 +1,4 @@
-"""Contact sheets: what an avatar looks like in the expressions people judge a face by."""
+"""Contact sheets: an avatar in the expressions by which faces are judged."""
 
 from collections.abc import Callable, Iterator
 

@@ -1,4 +1,4 @@
-"""Strands that stand on triangles of the skin and go where it goes: brows, lashes and beards.
+"""Strands attached to triangles of the skin: brows, lashes and beards.
 
 A strand knows its triangle and where it is from its root there, in the triangle's own frame: so it
 fits anyone's skin.
@@ -115,7 +115,7 @@ def barycentric(points: Floats, rest: Floats, corners: NDArray[np.integer]) -> F
 
 
 def tensors(beard: Beard) -> dict[str, NDArray[np.generic]]:
-    """For an avatar file; nothing where nothing grows."""
+    """Tensors for an avatar file; empty without strands."""
     if not len(beard):
         return {}
     return {

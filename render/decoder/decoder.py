@@ -47,7 +47,7 @@ class Decoder:
     light_to_vertex: csr_array  # [U, texels] map of the light decoder -> used vertices
     shares: csr_array  # [N, M] values of the M Gaussians an identity knows -> of those drawn
     opacities: Floats  # [N]
-    roughness: Floats  # [N] of what mirrors
+    roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
     interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]

@@ -83,7 +83,7 @@ def thinned(points: NDArray[np.floating], count: int) -> NDArray[np.bool_]:  # [
     reach = REACH * 0.5 * (apart[:, None] + apart[near]) * np.sqrt(len(points) / count)
     crowding = np.clip(1 - distance / reach, 0, None) ** 4
     stays = np.ones(len(points), bool)
-    jitter = 1e-6 * np.random.default_rng(0).random(len(points))  # no two alike
+    jitter = 1e-6 * np.random.default_rng(0).random(len(points))  # breaks ties
     while (excess := int(stays.sum()) - count) > 0:
         weight = np.where(stays, (crowding * stays[near]).sum(1) + jitter, -1)
         worst = np.flatnonzero(stays & (weight > weight[near].max(1)))

@@ -1,4 +1,4 @@
-"""The light that eyes mirror: one round spot on each cornea, that a lid covers."""
+"""Highlights of the eyes: one round spot on each cornea, hidden where a lid covers it."""
 
 import numpy as np
 

@@ -54,12 +54,12 @@ class Identity:
 
 
 def user_folder() -> Path:
-    """Where `avatar create` puts people."""
+    """The folder to which `avatar create` writes."""
     return folders.data() / "avatars"
 
 
 def shipped() -> list[str]:
-    """The names of those who come with livedrive, sorted."""
+    """Names of the shipped avatars, sorted."""
     return _names(weights_file.FOLDER)
 
 

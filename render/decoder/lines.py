@@ -1,4 +1,4 @@
-"""Where skin touches skin: lips that meet and lids that close, for any identity and expression.
+"""Contact of skin with skin: lips that meet and lids that close, for any identity and expression.
 
 Sums of blendshapes let the lips cross and leave lids ajar on faces they were not made for. Pairs of
 facing vertices along the mouth and along each lid measure the gap; a crossing is undone by moving
@@ -17,7 +17,7 @@ from render.types import Floats, Ints
 
 LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
 PUSH_PASSES = 2
-VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge: nowhere to be seen from the side
+VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge, invisible from the side
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class Line:
     lower: Ints  # [P] ... these of the lower side
     nearest: Ints  # [C, K] pairs around each column
     columns: Floats  # [C] place along the line, mm, rising
-    members: Ints  # [M] vertices that give way
+    members: Ints  # [M] vertices that are moved
     place: Floats  # [M] place along the line
     share: Floats  # [M] -1..1 share of the gap a vertex takes, its sign the way it moves to open
 

@@ -16,7 +16,7 @@ SKIN, EYE, COLOURED, TEETH = range(4)
 
 @dataclass(frozen=True)
 class Parts:
-    """Which corner of the mesh carries what."""
+    """Attributes of each corner of the mesh."""
 
     vertex: Ints  # [C] row of the mesh's vertices
     uv: Floats  # [C, 2], v up; of the material's own picture

@@ -1,4 +1,4 @@
-"""Judges the prior against the reference renderer: people, expressions and views it never saw.
+"""Evaluates the prior against the reference renderer on held-out people, expressions and views.
 
 The truth of a person is the face data's mesh, posed and lit exactly, drawn by the mesh renderer.
 The prior sees that person's mean geometry and texture, codes each expression with its encoder, and
@@ -40,7 +40,7 @@ IRIS_DEG = 21.0  # half angle of the iris as seen from the eye's centre
 
 @dataclass(frozen=True)
 class Subject:
-    """Someone to judge: the truth about them, and their identity as the prior sees it."""
+    """A held-out person: the ground truth, and the identity that the prior makes of them."""
 
     geometry: Floats  # [V, 3] mm, as given to the prior
     rest: Any  # render.posing.Rest: the truth at rest

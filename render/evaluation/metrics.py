@@ -1,4 +1,4 @@
-"""Figures about the prior, from vertices and pictures; judged by `livedrive eval prior`."""
+"""Metrics of the prior, from vertices and pictures; used by `livedrive eval prior`."""
 
 import numpy as np
 from numpy.typing import NDArray

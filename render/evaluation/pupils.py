@@ -1,4 +1,4 @@
-"""Do the drawn pupils point where someone looks? Seen in the picture, not in the vertices."""
+"""Gaze error of the drawn pupils, measured in the picture and not in the vertices."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Where OpenGL comes from: EGL (needs no display), OSMesa (needs no driver), the system, a window.
+"""OpenGL contexts: EGL (no display needed), OSMesa (no driver needed), the system's, a window's.
 
 One interface for all: `create_context(backend)` gives a GLContext whose `gl` is a moderngl
 context. Keep to one backend in a process; OSMesa and a hardware driver do not mix well.
@@ -30,7 +30,7 @@ CURES = {
 
 
 class ContextLostError(RuntimeError):
-    """The driver threw the context away (a reset GPU, a suspended laptop): open another."""
+    """The driver lost the context (GPU reset, suspended laptop): open another."""
 
 
 @dataclass
@@ -69,7 +69,7 @@ class GLContext:
             raise RuntimeError(f"{where}: {error} on {self.renderer}")
 
     def close(self) -> None:
-        """Give the context back; may be called twice."""
+        """Release the context; may be called twice."""
         if self.window is None:
             self.gl.release()
         else:

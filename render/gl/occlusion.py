@@ -1,4 +1,4 @@
-"""How much of the sky and of the key light each vertex sees: depth pictures from many sides.
+"""Visibility of the sky and of the key light from each vertex, by depth maps from many sides.
 
 The slow truth (about a second a face); the decoder learns to predict its change.
 """

@@ -18,7 +18,7 @@ from sensors.audio.portaudio import DeviceError, InputStream, library
 from sensors.clock_map import ClockMap
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, Clock, Packet, SourceInfo
 
-STALL_NS = 3 * NS  # a stream that is silent for so long is opened again
+STALL_NS = 3 * NS  # a stream that delivers nothing for so long is opened again
 RETRY_S = (0.1, 0.25, 0.5)  # waits between attempts to open; the last one repeats
 WATCH_S = 0.05
 LEVEL_DECAY = 0.9  # of the meter, for each block of 10 ms
@@ -36,7 +36,7 @@ class Microphone:
         rate: int | None = None,  # Hz to open the device with; None: 48 kHz where it can
         channels: int = 2,  # at most; they are averaged
     ) -> None:
-        self.problem = ""  # why there is no sound now; empty while there is
+        self.problem = ""  # why there is no sound now; empty while there is sound
         self.level = 0.0  # RMS of the last moments, 0..1
         self.delay_ns = 0  # from the end of the newest block to its callback, above the least
         self.losses = 0  # times that sound was lost while the device was there

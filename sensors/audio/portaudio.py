@@ -19,7 +19,7 @@ from sensors.audio.block_ring import BlockRing
 from sensors.types import SAMPLE_RATE, Clock, InputError
 
 BLOCK_SIZE = 480  # 10 ms; blocks of a whole frame come in pairs, 67 ms apart
-LATENCY_S = 0.03  # at 0.04 PulseAudio hands two blocks over at a time, 8 ms later
+LATENCY_S = 0.03  # at 0.04 PulseAudio delivers two blocks at a time, 8 ms later
 RING_BLOCKS = 256  # 2.5 s
 PULSE = "pulse:"
 # PortAudio is one a process and not made for two threads: starting it over while another thread
@@ -147,7 +147,7 @@ class InputStream:
 
 
 def silence_native_messages() -> None:
-    """Send what C libraries print to nowhere; ALSA and PortAudio would scribble on the screen."""
+    """Send what C libraries print to nowhere; ALSA and PortAudio write to the terminal."""
     sys.stderr.flush()
     sys.stderr = os.fdopen(os.dup(2), "w", buffering=1, encoding="utf-8")
     null = os.open(os.devnull, os.O_WRONLY)

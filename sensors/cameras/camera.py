@@ -46,7 +46,7 @@ class EyeCamera:
         self.views = views
         self.counts = CameraCounts()
         self.state = "closed"  # connecting, live, waiting
-        self.problem = ""  # why there is no picture now; empty while there is
+        self.problem = ""  # why there is no picture now; empty while there is one
         self.delay_ns = 0  # of the newest picture: arrival to here, decoded and cut
         self.newest_ns: int | None = None  # time of the newest picture
         self._connect, self._clock = connect, clock
@@ -66,7 +66,7 @@ class EyeCamera:
 
     @property
     def dropped(self) -> int:
-        """Pictures that came and were not handed out."""
+        """Pictures that arrived and were not delivered by `poll`."""
         return self.counts.damaged + self.counts.unused
 
     def open(self) -> None:

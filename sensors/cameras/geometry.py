@@ -20,7 +20,7 @@ from sensors.types import InputError
 
 Items = tuple[Any, ...]
 
-DARK, BRIGHT = 16, 240  # grey levels that exposure normalisation aims at
+DARK, BRIGHT = 16, 240  # grey levels that exposure normalisation maps to
 MIN_GAIN, MAX_GAIN = 0.5, 4.0  # a covered lens stays dark, so that its eye is not trusted
 
 
@@ -31,7 +31,7 @@ class EyeGeometry:
     name: str = "custom"
     usb: str | None = None  # VENDOR:PRODUCT in hexadecimal, where the device has one
     side_by_side: bool = True  # False: one camera an eye, left first
-    swap: bool = False  # the device calls the eyes by each other's name
+    swap: bool = False  # the device has the eyes swapped
     turns: tuple[int, int] = (0, 0)  # quarter turns, counter-clockwise; left, right
     mirror: tuple[bool, bool] = (False, False)  # left to right, after turning
     crop: tuple[int, int, int, int] | None = None  # x, y, width, height in px of the whole picture

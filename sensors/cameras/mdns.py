@@ -17,7 +17,7 @@ ANSWER_MS = 1500
 def network_cameras(
     seconds: float = 3.0, interfaces: Sequence[str] | None = None
 ) -> Iterator[FoundDevice]:
-    """What answers within `seconds`; `interfaces`: addresses of this machine, default all."""
+    """Cameras that answer within `seconds`; `interfaces`: local addresses, default all."""
     try:
         from zeroconf import InterfaceChoice, IPVersion, ServiceBrowser, Zeroconf
     except ImportError as error:

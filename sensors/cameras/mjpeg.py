@@ -1,4 +1,4 @@
-"""MjpegLink: an MJPEG camera over HTTP, read by ourselves because a picture must never be old.
+"""MjpegLink: an MJPEG camera over HTTP, with a reader of our own so that no picture is stale.
 
 Flow: socket -> HttpBody -> Multipart -> newest JPEG -> Shot. OpenCV's reader hands out pictures
 that are 1.4 s old after a pause and never notices a stall.
@@ -59,7 +59,7 @@ class MjpegLink:
                 return Shot(image, arrival_ns, newest.device_ns, len(parts) - 1)
             if self._multipart is not None and self._multipart.garbage_bytes > RECEIVE_BYTES:
                 self._multipart.garbage_bytes = 0
-                raise BadPictureError("bytes that are no pictures")
+                raise BadPictureError("expected JPEG pictures, got other bytes")
         return None
 
     def close(self) -> None:

@@ -86,7 +86,7 @@ class SerialLink:
                 return Shot(self._decode(pictures[-1]), arrival_ns, None, len(pictures) - 1)
             if self._framing.garbage_bytes > MAX_GARBAGE:
                 self._framing.garbage_bytes = 0
-                raise BadPictureError("bytes that are no pictures")
+                raise BadPictureError("expected JPEG pictures, got other bytes")
         return None
 
     def close(self) -> None:

@@ -48,7 +48,7 @@ class DriverLink:
         except av_error.InvalidDataError as error:
             raise BadPictureError(str(error)) from None
         except (av_error.FFmpegError, StopIteration, OSError) as error:
-            raise CameraLostError(f"the driver gave up: {error}") from None
+            raise CameraLostError(f"the driver failed: {error}") from None
         return Shot(gray(frames[-1]), arrival_ns) if frames else None
 
     def close(self) -> None:
@@ -85,7 +85,7 @@ class PlayedCameraLink:
 
 
 def file_pictures(path: Path) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Pictures of a video file, for ever."""
+    """Pictures of a video file, in an endless loop."""
     start_ns = 0
     while True:
         with open_video(path) as container:

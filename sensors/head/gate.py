@@ -1,4 +1,4 @@
-"""What a tracker claims -> HeadPackets that can be trusted; bad readings are counted and dropped.
+"""Readings of a tracker -> checked HeadPackets; bad readings are counted and dropped.
 
 Flow: datagram -> decoder -> Reading -> ReadingGate -> HeadPacket -> HeadSource.poll. A sender may
 flood, send NaN or a quaternion of zeros, jump, and has a clock of its own.
@@ -16,16 +16,16 @@ from sensors.types import NS, HeadPacket, HeadPose, check_face
 MAX_HZ = 250  # poses a second that are kept
 BURST = 16  # poses that may come at once
 SPEED_RAD, SPEED_MM = 17.0, 4000.0  # a second; heads turn at up to 800 degrees a second
-STEP_RAD, STEP_MM = 0.25, 60.0  # what a tracker may be off on top of that
+STEP_RAD, STEP_MM = 0.25, 60.0  # tolerance on top of that
 STEP_NS = 60_000_000  # poses further apart may be no further away
 JUMP_WAIT_NS = 250_000_000  # a jump that lasts is where the head is now
-LONG_NS = NS // 2  # after a pause of this length the head may be anywhere
+LONG_NS = NS // 2  # after a pause of this length any pose is accepted
 MAX_DEVICE_S = 1e9
 
 
 @dataclass(frozen=True)
 class Reading:
-    """What one message claims, in our axes (sensors/rotation.py); not yet checked."""
+    """The pose of one message, in our axes (sensors/rotation.py); not yet checked."""
 
     position: Vector  # mm
     quat: Quat  # wxyz
@@ -37,7 +37,7 @@ class Reading:
 
 @dataclass
 class ReadingCounts:
-    """What became of the readings."""
+    """Counts of readings by outcome."""
 
     poses: int = 0  # passed on
     bad: int = 0  # not finite, or no rotation
@@ -56,8 +56,8 @@ class ReadingGate:
         self._told = set[str]()
         self._map = ClockMap()
         self._last: HeadPacket | None = None
-        self._arrived_ns = 0  # when the last pose came that passed
-        self._elsewhere: tuple[int, HeadPose] | None = None  # since when it is somewhere else
+        self._arrived_ns = 0  # arrival of the last pose that passed
+        self._elsewhere: tuple[int, HeadPose] | None = None  # arrival of the first pose that jumped
         self._credit, self._credit_ns = float(BURST), 0
 
     def __call__(self, reading: Reading, arrival_ns: int) -> HeadPacket | None:

@@ -1,4 +1,4 @@
-"""What brings poses: a UDP port, or a recording that is played over and over."""
+"""Links to a tracker: a UDP port, or a recording played in a loop."""
 
 import contextlib
 import socket

@@ -14,7 +14,7 @@ WAITING, LOST = "no pose yet", "lost"
 
 
 class HeadLink(Protocol):
-    """What brings packets: opened and closed as often as wanted."""
+    """A connection that delivers packets; may be opened and closed repeatedly."""
 
     counts: ReadingCounts
 

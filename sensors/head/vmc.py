@@ -31,7 +31,7 @@ class VmcDecoder:
         self._has_hmd = False
 
     def __call__(self, datagram: bytes) -> list[Reading]:
-        """The newest claim of a datagram, or none."""
+        """The newest reading of a datagram, or None."""
         found: Reading | None = None
         for message in osc.messages(datagram):
             address = osc.address(message)

@@ -27,7 +27,7 @@ class LiveRecorder:
         *,
         created: str,
         devices: Mapping[str, str],
-        tell: Callable[[str], None],  # gets the one line
+        tell: Callable[[str], None],  # called with one line of text
         calibration: Mapping[str, Any] | None = None,
     ) -> None:
         """Raises InputError where the folder holds something already."""
@@ -38,7 +38,7 @@ class LiveRecorder:
             "devices": devices,
             "calibration": calibration,
         }
-        self._emotion: EmotionPacket | None = None  # that a session which goes on begins with
+        self._emotion: EmotionPacket | None = None  # written at the start of a continued session
         self._queue: queue.Queue[Packet | None] = queue.Queue(MAX_WAITING)
         self._thread: threading.Thread | None = None
         try:

@@ -33,7 +33,7 @@ from sensors.types import (
     SensorFrame,
 )
 
-EARLY_END_NS = NS // 2  # an eye video may end this much before the sound without a word
+EARLY_END_NS = NS // 2  # an eye video may end this much before the sound without a warning
 
 
 def _quiet(seconds: float) -> None:

@@ -151,7 +151,7 @@ def _read(path: Path, file: Any, num: int) -> NDArray[np.float32]:
 
 
 def _check_riff(path: Path) -> None:
-    """libsndfile reads a cut-off WAV without a word, so compare its header with its size."""
+    """libsndfile reads a truncated WAV without an error, so compare its header with its size."""
     size = path.stat().st_size
     with path.open("rb") as file:
         riff, _, wave = struct.unpack("<4sI4s", file.read(12).ljust(12, b"\0"))

@@ -1,4 +1,4 @@
-"""Playback: a recorded session as if it happened now, over and over, for who watches.
+"""Playback: a recorded session as if it were live, in an endless loop, for a viewer.
 
 Flow: Recording -> Playback.poll -> Assembler. Times are this clock's and samples count on, so that
 pausing, jumping and beginning anew look to everything behind it like a live source that goes on.

@@ -21,7 +21,7 @@ FORMATS = {"float32": (3, 4), "pcm16": (1, 2)}  # name -> WAV format tag, bytes 
 
 
 class WavWriter:
-    """Appends 48 kHz mono samples; whatever `append` has returned for is on its way to disk."""
+    """Appends 48 kHz mono samples; when `append` returns, the samples are handed to the system."""
 
     def __init__(self, path: Path, audio_format: str) -> None:
         self._format = audio_format

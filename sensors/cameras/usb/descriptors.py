@@ -1,4 +1,4 @@
-"""What a UVC camera says about itself: its configuration descriptor, parsed from bytes alone.
+"""The configuration descriptor of a UVC camera, parsed from bytes alone.
 
 Flow: USB configuration descriptor -> parse -> CameraDescription -> negotiation (streaming.py).
 Section numbers are those of the UVC 1.5 class specification.
@@ -18,7 +18,7 @@ MAX_FRAMES = 256  # sizes that one camera may list
 
 
 class DescriptorError(Exception):
-    """The bytes are no descriptor of a camera that can be used."""
+    """The bytes do not describe a usable camera."""
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 @dataclass(frozen=True)
 class Profile:
     name: str
-    note: str  # what a person should know
+    note: str  # note for the user
     vive_commands: bool = False  # the stream must be switched on through its extension unit
 
 
