@@ -145,6 +145,7 @@ class ExportAvatar:
         print(f"wrote {self.ply.resolve()}, {len(cloud)} Gaussians")
 
 
+# Every command with subcommands has such a union: type checkers and tyro need it written out.
 @dataclass(kw_only=True)
 class Avatar:
     """List, draw and make avatars: list | show | turn | create | export."""

@@ -5,7 +5,7 @@ Shared by the torch module (encoder.py) and its live twin (graph.py).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from math import exp, prod
 from typing import Literal
@@ -113,29 +113,24 @@ class AudioEncoderConfig:
         return sum(width * (self.features_a_tick + past or 1) for width, past in self.parts)
 
 
+PHONETIC = AudioEncoderConfig(
+    kind="phonetic",
+    bands=60,
+    layers=((160, 3, 1),),
+    context=tuple((3, dilation) for dilation in (1, 2, 4, 8, 16, 32, 1)),
+    feature_dim=59,
+    first_norm="frozen",
+    past_ticks=8,
+)
 PRESETS = {
     "debug": AudioEncoderConfig(
         layers=((8, 10, 5), (16, 10, 5), (16, 4, 2), (16, 4, 2), (32, 4, 2)),
         context=((3, 1), (3, 4)),
     ),
     "default": AudioEncoderConfig(),  # of the shipped weights
-    "phonetic": AudioEncoderConfig(
-        kind="phonetic",
-        bands=60,
-        layers=((160, 3, 1),),
-        context=tuple((3, dilation) for dilation in (1, 2, 4, 8, 16, 32, 1)),
-        feature_dim=59,
-        first_norm="frozen",
-        past_ticks=8,
-    ),
-    "phonetic-debug": AudioEncoderConfig(
-        kind="phonetic",
-        bands=20,
-        layers=((32, 3, 1),),
-        context=((3, 1), (3, 4)),
-        feature_dim=59,
-        first_norm="frozen",
-        past_ticks=8,
+    "phonetic": PHONETIC,
+    "phonetic-debug": replace(
+        PHONETIC, bands=20, layers=((32, 3, 1),), context=((3, 1), (3, 4))
     ),
     "paper": AudioEncoderConfig(
         kind="wav2vec-large",

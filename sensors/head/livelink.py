@@ -75,6 +75,7 @@ def read_csv(path: Path) -> Iterator[HeadPacket]:
 
 def _rows(path: Path) -> Iterator[tuple[float, float, float, float, float]]:
     """Seconds, frame in the second, yaw, pitch, roll."""
+    # render/arkit.py reads the blendshapes of the same table: neither package imports the other.
     table = csv.reader(files.read_text(path).splitlines())
     header = next(table, list[str]())
     header[:1] = [name.removeprefix("\ufeff") for name in header[:1]]

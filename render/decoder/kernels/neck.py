@@ -1,4 +1,4 @@
-"""Loops of the neck, compiled by numba as those of `surface.py` are."""
+"""Loops of the neck, compiled by numba and written out as those of `surface.py` are."""
 
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np

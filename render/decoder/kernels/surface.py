@@ -2,6 +2,7 @@
 
 numba compiles them on first use (seconds, once a machine) and keeps the result beside this file.
 All run on one thread and add in a fixed order: the same input gives the same bits.
+Cross products and rotations are written out in each loop, as plain scalars of one pass.
 """
 
 # pyright: reportUntypedFunctionDecorator=false
