@@ -12,7 +12,7 @@ NAME = "a-z, 0-9, - and _, at most 32"
 class AvatarParts:
     geometry: Path  # npz with `vertices` [26719, 3], or OBJ
     texture: Path  # skin atlas, 2:1
-    eye: str  # colour
+    eye: str  # eye colour
     hair: str | None  # avatar whose hair is worn
     beard: str | None  # avatar whose beard is worn
 

@@ -1,4 +1,4 @@
-"""What a person showed while following the calibration routine, live or recorded."""
+"""Eye samples of a person following the calibration routine, live or recorded."""
 
 from collections.abc import Sequence
 from pathlib import Path

@@ -119,7 +119,7 @@ def open_xr(settings: DriveSettings, clock: Clock, seats: str | None = None) -> 
 
 @contextmanager
 def open_poses(clock: Clock) -> "Generator[XrSink]":
-    """A headset that shows nothing, for its poses; it is let go at the end."""
+    """A headset used for its poses only; closed at the end."""
     from app.drive.sink import RunInfo
     from app.xr.link import XrInfo
     from app.xr.sink import XrSink
@@ -151,7 +151,7 @@ def open_recorder(
 
 
 def _size(folder: Path, eyes: int) -> str:
-    """What an hour takes, and how long there is room."""
+    """Disk space of an hour, and the hours that fit."""
     import shutil
 
     an_hour = 3600 * (SOUND_BYTES_S + eyes * EYE_BYTES_S)

@@ -1,4 +1,4 @@
-"""What a run is asked to do, as values: commands fill them from options, `build` reads them."""
+"""Settings of a run, as frozen values: commands fill them from options, `build` reads them."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -41,7 +41,7 @@ class FileSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class NetworkSettings:
-    """What leaves this machine; nothing is sent and no port is opened by default."""
+    """Network settings; by default nothing is sent and no port is opened."""
 
     send: tuple[str, ...] = ()  # URLs of app/sinks/table.py
     gains: Path | None = None  # JSON of gains and limits for `send`

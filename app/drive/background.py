@@ -1,4 +1,4 @@
-"""What lies behind the head: a soft studio light, a colour, a green screen, or nothing."""
+"""The background of the picture: a soft studio light, a colour, a green screen, or nothing."""
 
 from typing import Literal
 
@@ -45,7 +45,7 @@ def flat(name: str) -> tuple[float, float, float]:
 def straight_alpha(
     picture: NDArray[np.uint8],  # [H, W, 4] drawn over black
 ) -> NDArray[np.uint8]:  # [H, W, 4]
-    """Colours that do not know of the black any more, as PNG wants them."""
+    """Straight alpha, as PNG needs it: colours divided by their coverage."""
     out = picture.copy()
     alpha = picture[..., 3:].astype(np.float32)
     out[..., :3] = (picture[..., :3] * (255.0 / np.maximum(alpha, 1.0)) + 0.5).clip(0, 255)

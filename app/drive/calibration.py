@@ -1,4 +1,4 @@
-"""Where eye calibrations live: the user's profile for live runs, the session for its replay."""
+"""Eye calibrations on disk: the user's profile for live runs, the session for its replay."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any

@@ -1,4 +1,4 @@
-"""What a person asks of a running head; the loop reads it at the start of every tick."""
+"""Controls of a running head; the loop reads them at the start of every tick."""
 
 from dataclasses import dataclass, replace
 from typing import Protocol

@@ -14,7 +14,7 @@ from sensors.types import EmotionPacket, Packet
 
 
 class EmotionControl:
-    """The newest words win, wherever they come from; without any, the source's own are shown."""
+    """The newest words apply, whatever their origin; without any, those of the source are shown."""
 
     def __init__(self, start: str | None = None, port: OscPort | None = None) -> None:
         self.start = start  # None: as recorded

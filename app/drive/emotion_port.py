@@ -73,7 +73,7 @@ class OscPort:
         except InputError as error:
             self._told += 1
             if self._told <= MAX_TOLD:
-                more = "; no more of these are told" if self._told == MAX_TOLD else ""
+                more = "; further ones are not reported" if self._told == MAX_TOLD else ""
                 print(f"livedrive: {error}{more}", file=sys.stderr)
             return False
         return True

@@ -48,7 +48,7 @@ class Closable(Protocol):
 
 @dataclass
 class Summary:
-    """What a run did."""
+    """Counts of a finished run."""
 
     frames: int = 0  # stepped
     dropped: int = 0  # stepped and not drawn
@@ -99,7 +99,7 @@ def drive(parts: Drive) -> Summary:
             summary.late_ns = max(summary.late_ns, clock.now_ns() - due_ns - NS // FPS)
             # The sample count is the clock of a live run: its frames carry the time of their end.
             end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
-            wake_ns = due_ns = min(end_ns, clock.now_ns()) + NS // FPS  # never trust a far future
+            wake_ns = due_ns = min(end_ns, clock.now_ns()) + NS // FPS  # no far future
     return summary
 
 

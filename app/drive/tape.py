@@ -12,7 +12,7 @@ from sensors.types import EmotionPacket, Packet
 class PacketRecorder(Protocol):
     """Where packets go; sensors.live.recorder.LiveRecorder is one."""
 
-    problem: str  # why nothing is recorded any more
+    problem: str  # reason why the recording has stopped
 
     def append(self, packet: Packet) -> None: ...
     def close(self) -> None: ...

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 HEAD = struct.Struct("<I")
 MAX_PACKET = 1 << 16
 BUFFER = 1 << 19  # bytes the system may hold for the other end
-CLOSE_S = 1.0  # patience with the rest of a packet
+CLOSE_S = 1.0  # timeout for the rest of a packet
 
 
 class Channel:

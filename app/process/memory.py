@@ -49,7 +49,7 @@ def inherited(handle: str) -> tuple[int, ...]:
 
 
 class AnonymousBlock:
-    """Nobody else can find it, and it vanishes with its last user, however that ends."""
+    """Not visible to other processes; freed when its last user ends, even by a crash."""
 
     def __init__(self, descriptor: int, size: int) -> None:
         if os.fstat(descriptor).st_size < size:

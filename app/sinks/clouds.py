@@ -14,7 +14,7 @@ from render.decoder.identity import Identity
 from render.types import AHEAD, Gaussians
 from sensors.types import FPS, InputError
 
-MUCH_BYTES = 200e6  # from here on it is told before it is written
+MUCH_BYTES = 200e6  # larger outputs are announced before they are written
 
 
 class CloudSink:

@@ -12,7 +12,7 @@ from sensors.types import InputError
 
 
 def main() -> None:
-    """Serve; what goes wrong at the start is told through the socket."""
+    """Serve; errors at the start are reported through the socket."""
     fields, _, end = child.begin()
     assert end is not None
     logging.disable(logging.CRITICAL)  # garbage from clients is their affair

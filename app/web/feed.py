@@ -1,4 +1,4 @@
-"""What the server makes of a tick: a cloud for pages, names for programs. Made only when wanted."""
+"""Messages that the server makes of a tick: a cloud for pages, names for programs; on demand."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Who may ask the server for what: token, origin, host, number and rate of connections.
+"""Access control of the server: token, origin, host, number and rate of connections.
 
 On the loopback address only this machine can connect, so what must be kept out are pages of other
 sites in a browser here (origin, host name). Beyond it every request needs the token.

@@ -1,4 +1,4 @@
-"""Listeners of one stream: each has a short box of its own, and a slow one only empties its own."""
+"""Listeners of one stream: each has a short queue, and a slow one loses only its own messages."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,7 @@ class Hub:
             box.begin(message)
 
     async def drain(self, patience_s: float) -> None:
-        """Return when all boxes are empty, or when patience ends."""
+        """Return when all queues are empty, or after `patience_s`."""
         end = asyncio.get_running_loop().time() + patience_s
         while any(self._boxes) and asyncio.get_running_loop().time() < end:
             await asyncio.sleep(0.01)

@@ -1,4 +1,4 @@
-"""What the web server must know before it starts."""
+"""Settings of the web server, passed to its process at the start."""
 
 import ipaddress
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What a page may send up: poses of the headset, and counted chunks of its microphone's sound.
+"""Messages from a page: poses of the headset, and counted chunks of its microphone's sound.
 
 page: XRViewerPose -> 9 numbers -> WebSocket /pose -> Uplink -> socket -> ServerLink.poses
 page: AudioWorklet -> 480 samples -> WebSocket /microphone -> Uplink -> socket -> WebMicrophone

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def main() -> None:
-    """Show the head until the run ends; why that cannot be is left in the shared memory."""
+    """Show the head until the run ends; errors are left in the shared memory."""
     fields, handles, _ = child.begin()
     memory, info = XrMemory(handles[0]), XrInfo(**fields)
     status, parent = memory.status, os.getppid()

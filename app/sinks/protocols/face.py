@@ -64,7 +64,7 @@ def read_gains(path: Path) -> tuple[NDArray[np.float32], ...]:
     try:
         channels: dict[str, Any] = files.read_json(path)
     except ValueError as error:
-        raise InputError(f"{path}: expected JSON, got {error}; mend the file") from error
+        raise InputError(f"{path}: expected JSON, got {error}; correct the file") from error
     if not isinstance(channels, dict):  # pyright: ignore[reportUnnecessaryIsInstance]
         raise InputError(
             f"{path}: expected an object of channels, got another value; "
@@ -85,7 +85,7 @@ def read_gains(path: Path) -> tuple[NDArray[np.float32], ...]:
         if not numbers or limits["low"] > limits["high"]:
             raise InputError(
                 f"{path}: {name}: expected numbers up to {LARGEST:g} with low <= high, got "
-                f"{str(limits)[:80]}; mend it"
+                f"{str(limits)[:80]}; correct it"
             )
         for key, value in limits.items():
             columns[key][ARKIT_NAMES.index(name)] = value

@@ -1,4 +1,4 @@
-"""What lies over the head: its name, the run's state, the toolbar, a passing line, the help."""
+"""Overlay on the head: its name, the run's state, the toolbar, a short message, the help."""
 
 from imgui_bundle import ImVec2, imgui
 from imgui_bundle import icons_fontawesome_6 as icons

@@ -1,4 +1,4 @@
-"""All that the window remembers, in one value that the panels read and change."""
+"""The state of the window, one value that the panels read and change."""
 
 from dataclasses import dataclass, field
 
