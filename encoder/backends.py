@@ -1,4 +1,4 @@
-"""What runs the trained networks tick by tick: ONNX Runtime (int8, fp32) or PyTorch.
+"""Backends that run the trained networks tick by tick: ONNX Runtime (int8, fp32) or PyTorch.
 
 A backend joins the audio path and the denoiser of a stream; each keeps a frozen state of its own.
 The ONNX graphs are built in memory from the weights, so nothing is cached and nothing can go

@@ -1,1 +1,1 @@
-"""What makes a face alive between words: head, brows, gaze and breath, after the denoiser."""
+"""Motion beyond speech, added after the denoiser: head, brows, gaze and breath."""

@@ -1,4 +1,4 @@
-"""Alive: the last step of the Driver, from a talking face to somebody who is there.
+"""Alive: the last step of the Driver; adds head motion, brows, gaze shifts and breath.
 
     SensorFrame, expression, gaze -> Alive.step -> expression, gaze, head, breath -> DrivenFrame
 
@@ -34,7 +34,7 @@ KIND = 40  # of noise
 
 @dataclass(frozen=True, eq=False)
 class AliveState:
-    """What the next frame depends on."""
+    """State between frames, a value."""
 
     prosody: ProsodyState
     motion: MotionState = MotionState()

@@ -85,7 +85,7 @@ class Shapes:
 
 @dataclass(frozen=True)
 class FaceState:
-    """What the next frame depends on."""
+    """State between frames, a value."""
 
     since_flash: int = 100 * FPS
     strength: float = 0.0

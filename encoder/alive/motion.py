@@ -38,7 +38,7 @@ KINDS = range(10, 20)  # of noise
 
 @dataclass(frozen=True)
 class MotionState:
-    """What the next frame's pose depends on."""
+    """State between frames, a value."""
 
     angles: Angles = (0.0, 0.0, 0.0)
     speeds: Angles = (0.0, 0.0, 0.0)  # rad a frame

@@ -1,4 +1,4 @@
-"""Numbers that wander, as functions of (seed, what for, time): any frame can be had alone."""
+"""Smooth noise as a function of (seed, purpose, time): any frame can be computed alone."""
 
 import numpy as np
 

@@ -33,7 +33,7 @@ PAUSE = int(0.45 * FPS)  # frames of silence after which a turn of speech ends
 
 @dataclass(frozen=True, eq=False)
 class ProsodyState:
-    """What the next frame's prosody depends on."""
+    """State between frames, a value."""
 
     tail: Floats  # [WINDOW] at 8 kHz
     floor_db: float = -60.0

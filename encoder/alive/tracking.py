@@ -1,4 +1,4 @@
-"""A tracked head: its centre, and what happens when it is lost.
+"""A tracked head: its centre, and the fade when tracking is lost.
 
 A pose is shown as it came, one tick after its packet. Where the tracker loses the head, the head
 eases to what it would do without one (rest, or synthesised motion) within EASE_OUT frames.
@@ -21,7 +21,7 @@ MAX_FAST = radians(12)  # of the head's motion, that eyes make up for
 
 @dataclass(frozen=True)
 class TrackState:
-    """What the next frame depends on."""
+    """State between frames, a value."""
 
     pose: HeadPose | None = None  # the newest that was valid, as measured
     position: Vector = (0.0, 0.0, 0.0)  # the centre, mm ...

@@ -70,7 +70,7 @@ def join(parts: list[Speech], pauses_s: tuple[float, float], rng: np.random.Gene
 
 @dataclass(frozen=True)
 class Talker:
-    """Who speaks: all that stays the same over a subject's takes."""
+    """A subject: everything that is the same in all of its takes."""
 
     voice: Voice
     style: Style

@@ -1,1 +1,1 @@
-"""Is rule-made data like real data, and what else would have been true of it?"""
+"""Evaluation of rule-made data: comparison with real data, and alternative emotions."""

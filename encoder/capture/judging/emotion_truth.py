@@ -1,4 +1,4 @@
-"""What else a rule-made take could have shown: the same words and eyes with each emotion.
+"""Rule-made takes told again: the same words and eyes with each emotion.
 
 For judging only. The rules are run again on the take's sound and phones with one random source, so
 that the versions differ in nothing but the emotion's layer and the size of the mouth's motion.

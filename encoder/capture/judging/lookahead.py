@@ -1,4 +1,4 @@
-"""Is rule-made motion like real motion? A small causal network tells.
+"""Comparison of rule-made with real motion by a small causal network.
 
 Judges the capture stage: one network learns the jaw of real clips, one the jaw of rule-made clips.
 Both must lose as little without lookahead, and each must understand the other's jaw.

@@ -1,4 +1,4 @@
-"""Is the rule-made motion lifelike? Its statistics against published ranges.
+"""Statistics of rule-made motion against published ranges.
 
 Judges a data set, clip by clip, so memory stays small. Speech rates are over rule-made English;
 contacts are measured on mesh vertices.

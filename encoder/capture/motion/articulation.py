@@ -1,4 +1,4 @@
-"""What a face tracker does not see of a talker's mouth, laid over its curves by the rules.
+"""Mouth details that a face tracker misses, added to its curves by the rules.
 
 Between the importers of tracked motion and the data set. A tracker's blendshapes hardly know how
 wide the lips are (GRID's main talker: 1.1 mm of deviation where lips' landmarks have 3.3, and none

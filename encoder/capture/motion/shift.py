@@ -1,4 +1,4 @@
-"""Does one curve follow another, and how late?"""
+"""Correlation of two curves and the delay between them."""
 
 import numpy as np
 

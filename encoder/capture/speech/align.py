@@ -1,4 +1,4 @@
-"""When was each phone said? Text and a real recording -> phones, for pseudo-truth of real voices.
+"""Forced alignment: text and a real recording -> timed phones, as pseudo-truth for real voices.
 
 English by pocketsphinx and its bundled model (median error about 10 ms against synthetic truth);
 other languages by speaking the text with espeak-ng and warping its sound onto the recording

@@ -1,4 +1,4 @@
-"""Own texts: what the rule-made voices say. English from templates, other languages for tests.
+"""Texts for the rule-made voices: English from templates, other languages for tests.
 
 Millions of different sentences; a text belongs to one split for ever, by its checksum.
 """

@@ -1,4 +1,4 @@
-"""What hands, cloth, wind and taps at a headset's microphone sound like: noise that no voice makes.
+"""Handling noise of a headset's microphone: hands, cloth, wind and taps.
 
 All at 24 kHz with about unit RMS, each drawn anew. Strokes are broad noise whose colour and
 loudness follow the speed of a hand; friction sticks and slips, so that it hums; wind is turbulence
