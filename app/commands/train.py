@@ -15,7 +15,7 @@ class Train:
     """Train one stage; Ctrl-C stops it safely, --resume continues.
 
     Order: audio, diffusion, distill, contact (closes the student's lips); then gaze (a graph),
-    eyes, multimodal; emotion; listen (the whole chain also hears phones), and contact again.
+    eyes, multimodal; emotion; listen (the whole chain also hears phones, with a contact head anew).
     Start it with torchrun on several GPUs or machines.
     """
 

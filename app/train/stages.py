@@ -78,7 +78,7 @@ def _run_motion(
     from encoder.training.stages import contact, diffusion, distill
 
     if settings.stage == "listen":
-        _run_listen(settings, folder, run)
+        _run_listen(settings, folder, run, overrides)
         return
     streams = _streams(settings, folder)
     if settings.stage == "contact":
@@ -117,7 +117,9 @@ def _run_motion(
     diffusion.run(config, face())
 
 
-def _run_listen(settings: TrainSettings, folder: Path, run: "RunSettings") -> None:
+def _run_listen(
+    settings: TrainSettings, folder: Path, run: "RunSettings", overrides: dict[str, Any]
+) -> None:
     from app.face.losses import face
     from encoder.inference import WEIGHTS
     from encoder.training.stages import listen
@@ -131,9 +133,8 @@ def _run_listen(settings: TrainSettings, folder: Path, run: "RunSettings") -> No
         old=settings.start or WEIGHTS,
         pair=_weights(settings) / "audio",
         output=folder if settings.leave_out else _weights(settings),
-        seed=settings.seed,
-        note=run.note,
-        without=settings.leave_out,
+        run=run,
+        **overrides,
     )
     listen.run(config, face())
 

@@ -15,6 +15,9 @@ from encoder.types import Condition
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
 REACH_MM = 3.0
 HEAD = "contact."  # prefix of its tensors' names
+# The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.
+MOUTH = 27
+VOICE = 32
 # The zero convolutions of emotions (zero_conv.py)
 EMBEDDING = 512  # as in the paper (CLIP)
 OUTPUT_GAIN = 10.0  # a smile lies 15 standard deviations away from the codes of neutral speech
@@ -36,12 +39,18 @@ class DenoiserConfig:
     num_steps: int = 200  # N
     # size of the last part of the audio features, for the direct path only (not for the blocks)
     direct_dim: int = 0
+    direct: int = 0  # hidden units of the direct path
     contact: int = 0  # hidden units of the student's contact head; 0: none
 
     @property
     def input_dims(self) -> tuple[int, int, int]:
         """Inputs of the blocks: noisy code, audio features less the direct path's, condition."""
         return self.expression_dim, self.audio_dim - self.direct_dim, self.condition_dim
+
+    @property
+    def contact_dim(self) -> int:
+        """How many numbers at the end of the audio features the contact head hears."""
+        return self.direct_dim or self.audio_dim
 
     @property
     def places(self) -> tuple[int, ...]:
@@ -88,10 +97,19 @@ def weight_shapes(config: DenoiserConfig) -> dict[str, tuple[int, ...]]:
     shapes |= {"norm.weight": (dim,), "norm.bias": (dim,)}
     linear("output", dim, code)
     if config.direct_dim:
-        linear("direct.move", 2 * config.direct_dim, code)
+        shapes |= {
+            "direct.read": (code, MOUTH), "direct.rest": (MOUTH,),
+            "direct.write": (MOUTH, code), "direct.share": (MOUTH, MOUTH),
+        }  # fmt: skip
+        linear("direct.listen", 2 * config.direct_dim, config.direct)
+        linear("direct.think", config.direct, config.direct)
+        linear("direct.move", config.direct, MOUTH)
+        linear("direct.straight", 2 * config.direct_dim, MOUTH)
+        linear("direct.hear", config.direct_dim, VOICE)
+        linear("direct.voice", VOICE, 1)
     if config.contact:
         shapes |= {HEAD + "gap": (code,), HEAD + "rest": (), HEAD + "shut": (code,)}
-        linear(HEAD + "listen", 1 + len(KNOTS_MM) + config.audio_dim, config.contact)
+        linear(HEAD + "listen", 1 + len(KNOTS_MM) + config.contact_dim, config.contact)
         linear(HEAD + "move", config.contact, 1)
     return shapes
 

@@ -37,5 +37,6 @@ class Contact(nn.Module):
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
         return REACH_MM * self.move(self.listen(seen).relu()).tanh()
 
-    def forward(self, x0: Tensor, audio: Tensor) -> Tensor:
-        return x0 + self.moved_mm(x0, audio) * self.shut
+    def forward(self, x0: Tensor, audio: Tensor, voice: Tensor | float = 1.0) -> Tensor:
+        """voice [B, T, 1]: how sure it is that one is heard; without, lips stay where they are."""
+        return x0 + voice * self.moved_mm(x0, audio) * self.shut

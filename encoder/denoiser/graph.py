@@ -56,14 +56,25 @@ def _attention(
     return g.linear(y, out, out_bias), k, v
 
 
-def _direct(g: Graph, heard: str, weights: Weights) -> str:
-    """heard [1, D] -> what direct.py adds to x0 [1, 256]."""
+def _direct(g: Graph, x0: str, heard: str, weights: Weights) -> tuple[str, str]:
+    """x0 [1, 256] after direct.py, which hears heard [1, D]; its voice [1, 1]."""
+
+    def layer(x: str, name: str) -> str:
+        weight, bias = (weights[f"direct.{name}.{part}"] for part in ("weight", "bias"))
+        return g.linear(x, weight.T, bias, exact=True)
+
+    own = g.linear(x0, weights["direct.read"], weights["direct.rest"], exact=True)
     seen = g.op("Concat", heard, g.op("Sigmoid", heard), axis=1)
-    return g.linear(seen, weights["direct.move.weight"].T, weights["direct.move.bias"], exact=True)
+    moved = layer(g.op("Relu", layer(g.op("Relu", layer(seen, "listen")), "think")), "move")
+    said = g.op("Add", moved, layer(seen, "straight"))
+    mixed = g.op("Add", g.op("MatMul", own, g.const(weights["direct.share"])), said)
+    voice = g.op("Sigmoid", layer(g.op("Relu", layer(heard, "hear")), "voice"))
+    change = g.op("Sub", g.op("Mul", voice, mixed), own)
+    return g.op("Add", x0, g.op("MatMul", change, g.const(weights["direct.write"]))), voice
 
 
-def _contact(g: Graph, x0: str, audio: str, weights: Weights) -> str:
-    """x0 [1, 256] with the head of contact.py behind it; audio [1, A]."""
+def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str:
+    """x0 [1, 256] with the head of contact.py behind it; audio [1, A], voice [1, 1]."""
     row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
     gap = g.linear(x0, row, rest, exact=True)
     near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
@@ -74,6 +85,7 @@ def _contact(g: Graph, x0: str, audio: str, weights: Weights) -> str:
         return g.linear(x, weight.T, bias, exact=True)
 
     moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
+    moved = g.op("Mul", moved, voice)
     return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
 
 
@@ -115,11 +127,12 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
     scale, shift = g.const(weights["norm.weight"]), g.const(weights["norm.bias"])
     x = g.op("LayerNormalization", x, scale, shift, epsilon=1e-5)
     x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
+    voice = g.const(np.ones((1, 1)))
     if config.direct_dim:
-        x0 = g.op("Add", x0, _direct(g, direct, weights))
+        x0, voice = _direct(g, x0, direct, weights)
     x0 = with_emotion(x0, config.layers + 1)
-    whole = g.op("Concat", audio, direct, axis=1)
-    g.rename(_contact(g, x0, whole, weights) if config.contact else x0, "x0")
+    heard = direct if config.direct_dim else audio
+    g.rename(_contact(g, x0, heard, voice, weights) if config.contact else x0, "x0")
     new = [config.layers, config.heads, dim // config.heads]
     g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
     g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")

@@ -93,10 +93,10 @@ class Denoiser(nn.Module):
         self.output = nn.Linear(config.dim, config.expression_dim)
         self.direct: Direct | None = None
         if config.direct_dim:
-            self.direct = Direct(config.direct_dim, config.expression_dim)
+            self.direct = Direct(config.direct_dim, config.expression_dim, config.direct)
         self.contact: Contact | None = None
         if config.contact:
-            self.contact = Contact(config.expression_dim, config.audio_dim, config.contact)
+            self.contact = Contact(config.expression_dim, config.contact_dim, config.contact)
 
     def standardise(self, x: Tensor) -> Tensor:
         return (x - self.expression_mean) / self.expression_std
@@ -130,10 +130,13 @@ class Denoiser(nn.Module):
 
     def _output(self, x: Tensor, audio: Tensor, places: Sequence[Tensor | None]) -> Tensor:
         x0 = self.output(self.norm(_with(x, places[-2])))  # x [B, T, dim]
+        voice: Tensor | float = 1.0
         if self.direct is not None:
-            x0 = x0 + self.direct(audio[..., -self.config.direct_dim :])
+            x0, voice = self.direct(x0, audio[..., -self.config.direct_dim :])
         x0 = _with(x0, places[-1])
-        return x0 if self.contact is None else self.contact(x0, audio)
+        if self.contact is None:
+            return x0
+        return self.contact(x0, audio[..., -self.config.contact_dim :], voice)
 
     def forward(
         self,

@@ -47,10 +47,11 @@ def models(audio: AudioEncoderConfig = AUDIO["debug"]) -> tuple[AudioEncoder, De
     torch.manual_seed(0)
     direct = audio.second.frame_width if audio.second else 0
     encoder = AudioEncoder(audio)
-    sizes = replace(DENOISERS["debug"], audio_dim=audio.frame_width, direct_dim=direct)
+    sizes = replace(DENOISERS["debug"], audio_dim=audio.frame_width, direct_dim=direct, direct=6)
     denoiser = Denoiser(sizes)
     if denoiser.direct is not None:
-        nn.init.normal_(denoiser.direct.move.weight, std=0.01)
+        for tensor in denoiser.direct.state_dict().values():
+            nn.init.normal_(tensor, std=0.1)
     for module in encoder.modules():
         if isinstance(module, nn.BatchNorm1d):
             nn.init.normal_(module.running_mean, std=0.05)  # type: ignore[arg-type]

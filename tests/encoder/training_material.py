@@ -7,6 +7,7 @@ import torch
 
 from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
+from encoder.denoiser.config import MOUTH
 from encoder.training.geometry import TrainingFace
 
 BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
@@ -17,7 +18,7 @@ def vertices(codes: torch.Tensor) -> torch.Tensor:
 
 
 def mouth(codes: torch.Tensor) -> torch.Tensor:
-    return torch.cat([codes[..., :128], torch.zeros_like(codes[..., 128:])], -1)
+    return torch.cat([codes[..., :MOUTH], torch.zeros_like(codes[..., MOUTH:])], -1)
 
 
 FACE = TrainingFace(

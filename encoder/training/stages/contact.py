@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from encoder.capture.motion.channels import MOUTH_CLOSE, RIG_NAMES
 from encoder.denoiser.config import HEAD
@@ -54,10 +54,12 @@ preset = Presets(
 )
 
 
-def new_head(student: Denoiser, face: TrainingFace, hidden: int) -> Contact:
+def new_head(
+    student: Denoiser, face: TrainingFace, hidden: int, heard: int | None = None
+) -> Contact:
     """A head that changes nothing yet but knows what the student's codes are in mm."""
     config = student.config
-    head = Contact(config.expression_dim, config.audio_dim, hidden)
+    head = Contact(config.expression_dim, heard or config.contact_dim, hidden)
 
     def opening(codes: Tensor) -> Tensor:
         return face.gaps(codes)[..., 1].mean(-1)
@@ -84,7 +86,7 @@ def losses(
     tau = torch.full((len(codes),), student.config.num_steps, device=codes.device)
     with torch.no_grad():
         x0 = student(torch.randn_like(codes), tau, audio, gaze)
-    heard = (audio - scale[0]) / scale[1]
+    heard = (audio[..., -student.config.contact_dim :] - scale[0]) / scale[1]
     moved = head(x0, heard)
     gaps = face.gaps(student.unstandardise(moved)), face.gaps(codes)
     shown, wanted = (gap[..., 1].mean(-1) for gap in gaps)
@@ -99,11 +101,12 @@ def losses(
 
 
 @torch.no_grad()
-def fold_scale(head: Contact, mean: Tensor, spread: Tensor) -> None:
-    """In place: from a head of standardised features, as trained, to one of plain ones."""
-    columns = head.listen.weight[:, -len(mean) :]
+def fold_scale(layer: nn.Linear, mean: Tensor, spread: Tensor) -> None:
+    """In place: from a layer of standardised features (its last inputs), as trained, to one of
+    plain ones."""
+    columns = layer.weight[:, -len(mean) :]
     columns /= spread
-    bias: Tensor = head.listen.bias
+    bias: Tensor = layer.bias
     bias -= columns @ mean
 
 
@@ -115,7 +118,8 @@ def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
     student = headless(load_denoiser(config.student, "student")[0])
     head = new_head(student, face, config.hidden).to(config.run.device)
     fold_gaze(student, inverse=True).to(config.run.device).requires_grad_(False)
-    flat = torch.from_numpy(streams.features[:: max(len(streams.features) // 40, 1)]).float()
+    every, dim = max(len(streams.features) // 40, 1), student.config.contact_dim
+    flat = torch.from_numpy(streams.features[::every, :, -dim:]).float()
     scale = flat.mean((0, 1)), flat.std((0, 1)) + 1e-3
     there = scale[0].to(config.run.device), scale[1].to(config.run.device)
 
@@ -128,7 +132,7 @@ def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
         "contact", {"head": head}, step_losses, steps=config.steps, rate=config.rate,
         run=config.run,
     )  # fmt: skip
-    fold_scale(head.cpu(), *scale)
+    fold_scale(head.cpu().listen, *scale)
     tensors = {name: tensor for name, tensor in tensors.items() if not name.startswith(HEAD)}
     tensors |= {
         HEAD + name: tensor for name, tensor in checkpoint.arrays(head.state_dict()).items()

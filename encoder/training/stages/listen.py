@@ -1,42 +1,37 @@
 """Stage "listen": a trained chain hears phones beside what it heard, and moves its mouth by both.
 
 After `audio`. Nothing of the chain is trained again: eyes, lids, brows and emotions stay. The
-direct path from phones to the mouth (encoder/denoiser/direct.py) is a least squares fit to tracked
-motion, and says half of the mouth; the blocks say the other half. Two that err differently err less
-together.
+direct path (encoder/denoiser/direct.py) learns what tracked mouths do from phones alone, and to
+tell a voice from what is none; what is shown is a share of what the blocks say and the rest of what
+it says: two that err differently err less together. A new contact head learns behind both.
 """
 
-import shutil
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
 from torch import Tensor
-from tqdm import tqdm
+from torch.nn import functional
 
-from encoder.audio.config import SECOND, AudioEncoderConfig
-from encoder.audio.encoder import AudioEncoder
-from encoder.capture.dataset import Clip, iter_pack, read_manifest
-from encoder.denoiser.config import HEAD, DenoiserConfig
-from encoder.inference import STUDENTS, load_student
+from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX, VOWELS
+from encoder.denoiser.config import MOUTH
+from encoder.denoiser.contact import Contact
+from encoder.denoiser.direct import Direct
+from encoder.denoiser.model import Denoiser
 from encoder.nn import checkpoint
+from encoder.training import loop
 from encoder.training.checkpoints import load_encoder
-from encoder.training.clips import stacked
-from encoder.training.geometry import TrainingFace
+from encoder.training.geometry import NEAR_FRAMES, TrainingFace
+from encoder.training.mouth import Mouth
 from encoder.training.presets import Presets
-from encoder.training.stages.diffusion import TRUTH
-from encoder.training.streams.augment import crop
-from encoder.training.streams.streams import warped
-from encoder.types import Weights
-from sensors.types import InputError
+from encoder.training.stages import chain
+from encoder.training.stages.contact import fold_scale, new_head
+from encoder.training.streams.pieces import SpokenPieces
+from encoder.training.streams.spoken import Ears, hear_pack
 
-CLEAN = 0.25  # share of clips as a good microphone hears them
-LONGEST = 300  # frames of a clip
-CHUNK = 20_000  # frames
-FITTED = ("share", "gain", "rules", "rest", "ridge", "versions")
-RULES, REST = "", "-"  # who shows rule-made motion, or none
+SHUT_MM, OPEN_MM = 0.4, 1.6  # what the contact head makes of p, b, m, and leaves of open vowels
+SAMPLES = 20_000  # frames that scales are measured on
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,188 +41,178 @@ class ListenConfig:
     old: Path  # folder of the chain that learns to hear phones
     pair: Path  # where the old encoder and the phonetic one are written as one
     output: Path  # folder of the student
-    seed: int = 0
-    note: tuple[tuple[str, str], ...] = ()
+    run: loop.RunSettings
     without: tuple[str, ...] = ()  # talkers whose tracked motion is left out
     # of the mouth that the blocks' is; measured on talkers left out (r raw, above 0.5 Hz): 1 .74
-    # .56, .7 .76 .60, .5 .76 .62, .3 .76 .63, 0 .74 .60; the more, the nearer to rule-made motion
-    share: float = 0.6
+    # .57, .6 .76 .62, .4 .77 .63, .25 .77 .64, 0 .75 .64; the more, the nearer to rule-made motion
+    share: float = 0.4
     gain: float = 1.1  # of both: a mean of guesses moves less than people do
-    rules: float = 0.2  # weight of rule-made motion, against 1 of real talkers, who lose r by it
-    rest: float = 1.0  # weight of lips at rest: at .2 a fan moves them by 1.5 mm, at 1 by 1.1
-    ridge: float = 3e-3
-    versions: int = 2  # of each clip, each heard by other ears; of a rare talker's four times that
+    width_gain: float = 1.25  # of how wide the lips are, on top
+    hidden: int = 256
+    contact: int = 32
+    drop: float = 0.4  # share of hidden units that a step does without
+    drop_heard: float = 0.2
+    steps: int = 600
+    batch: int = 48
+    frames: int = 100
+    rate: float = 2e-3
+    rules: float = 0.25  # weight of rule-made motion, against 1 of real talkers
+    rest: float = 0.3  # weight of what is no voice
+    versions: int = 2  # of each clip, each heard by other ears
+    noises: int = 200  # clips of no voice beside the pack's
+    velocity_weight: float = 0.3
+    span_weight: float = 1.0  # of the lips' opening and width
+    voice_weight: float = 4.0
+    miss_weight: float = 2.5  # of lips that are not shut for p, b and m
+    false_weight: float = 3.0  # of lips that are shut in open vowels
+    effort_weight: float = 1.0  # of what the contact head moves
 
 
 preset = Presets(
     ListenConfig,
-    {"debug": {"versions": 1}, "default": {}, "paper": {"versions": 10}},
+    {
+        "debug": {"versions": 1, "noises": 2, "steps": 2, "batch": 2, "frames": 12, "hidden": 8},
+        "default": {},
+        "paper": {"versions": 10, "steps": 6000},
+    },
 )
 
 
 @dataclass(frozen=True)
-class ListenFrames:
-    """What was heard of each frame, what the mouth did and whose it was."""
+class Listener:
+    """What is trained, and what it stands behind."""
 
-    sound: np.ndarray  # [N, D] float16 audio features of the phonetic encoder
-    rig: np.ndarray  # [N, 53] float16
-    voice: np.ndarray  # [N] str, the talker's, RULES or REST
+    direct: Direct
+    contact: Contact
+    student: Denoiser
+    mouth: Mouth
+    scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
+    mix: Tensor  # [MOUTH, MOUTH]: gains
+
+    def losses(self, batch: tuple[Tensor, ...], config: ListenConfig) -> dict[str, Tensor]:
+        heard, own, truth, phones, voiced, there = batch
+        seen = (torch.cat([heard, heard.sigmoid()], -1) - self.scale[0]) / self.scale[1]
+        plain = seen[..., : heard.shape[-1]]
+        dropped = functional.dropout(seen, config.drop_heard)
+        said = self.direct.said(dropped, config.drop)
+        off = self.mouth.vertices(said - truth) * there[..., None]
+        count = there.sum()
+        result = {
+            "shape": off.square().sum() / count,
+            "velocity": off.diff(dim=1).square().sum() / count,
+            "span": (self.mouth.spans(said - truth) * there[..., None]).square().sum() / count,
+        }
+        odds = self.direct.voiced(plain)[..., 0]
+        sides = [there * (voiced == side) for side in (0, 1)]
+        off = functional.binary_cross_entropy_with_logits(odds, voiced.clamp(0), reduction="none")
+        result["voice"] = torch.stack([(off * s).sum() / s.sum().clamp(min=1) for s in sides]).sum()
+        mixed = config.share * own + (1 - config.share) * said.detach()
+        voice = odds.detach().sigmoid()
+        shown = voice[..., None] * (mixed @ self.mix)
+        result |= self._contact(shown, voice, truth, phones, there, plain)
+        total = result["shape"] + sum(
+            getattr(config, f"{name}_weight") * value
+            for name, value in result.items()
+            if name != "shape"
+        )
+        return result | {"total": total}  # type: ignore[dict-item]
+
+    def _contact(
+        self, shown: Tensor, voice: Tensor, truth: Tensor, phones: Tensor, there: Tensor,
+        plain: Tensor,
+    ) -> dict[str, Tensor]:  # fmt: skip
+        """Lips shut for p, b and m within two frames, stay open in vowels (and where they are,
+        if phones are not known), and move no more than that takes."""
+        count = there.sum()
+        x0 = self.student.standardise(self.mouth.codes(shown))
+        moved = voice * self.contact.moved_mm(x0, plain)[..., 0]
+        now, wanted = self.mouth.gap(shown) + moved, self.mouth.gap(truth)
+        closing = _is(phones, LIP_CLOSING) & (_nearest(wanted) < 1)
+        open_ = (_is(phones, VOWELS) | (phones < 0)) & (wanted > 2.5)
+        missed = (_nearest(now) - SHUT_MM).relu().square() * closing * there
+        false = (OPEN_MM - now).relu().square() * open_ * there
+        return {
+            "miss": 10 * missed.sum() / count,
+            "false": 10 * false.sum() / count,
+            "effort": (moved.square() * there).sum() / count,
+        }
 
 
-def hear(config: ListenConfig, encoder: AudioEncoder) -> ListenFrames:
-    """Each clip from its start, as other ears and rooms hear it; kept in the pack for next time."""
-    path = config.pack / "heard.npz"
-    sha256 = checkpoint.load(config.phones, "audio")[1]["sha256"]
-    recipe = np.array(f"{sha256} {config.seed} {config.versions}")
-    if path.is_file():
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["recipe"]) == str(recipe):
-                return ListenFrames(data["sound"], data["rig"], data["voice"])
-    rng, rows = np.random.default_rng(config.seed), []
-    truths = ("rules", "tracked", "rest")
-    clips = [clip for clip in iter_pack(config.pack, "train") if clip.truth in truths]
-    voices = [clip.voice for clip in clips if clip.truth == "tracked"]
-    most = max((voices.count(voice) for voice in set(voices)), default=1)
-    for clip in tqdm(clips, desc="clips", mininterval=2):
-        rare = clip.truth == "tracked" and voices.count(clip.voice) < most / 4
-        count = 4 * config.versions if rare else config.versions
-        rows += [_heard(clip, encoder, rng) for _ in range(1 if clip.truth == "rules" else count)]
-    heard = ListenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-    np.savez(path, recipe=recipe, sound=heard.sound, rig=heard.rig, voice=heard.voice)
-    return heard
+def _is(phones: Tensor, names: tuple[str, ...]) -> Tensor:
+    return torch.isin(phones, torch.tensor([PHONE_INDEX[name] for name in names]))
+
+
+def _nearest(gap: Tensor) -> Tensor:  # [B, T]
+    """The least gap within two frames."""
+    return -functional.max_pool1d(-gap[:, None], 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES)[:, 0]
+
+
+def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
+    """Train, and write the chain: encoder, student and what extends it; of talkers left out, the
+    student alone."""
+    old = chain.OldChain.load(config.old)
+    phones = load_encoder(config.phones)
+    recipe = f"{checkpoint.load(config.phones, 'audio')[1]['sha256']} {old.blocks}"
+    student = old.student()
+    ears = Ears(phones, old.audio, student)
+    frames = hear_pack(
+        config.pack, ears, recipe, seed=config.run.seed, versions=config.versions,
+        noises=config.noises,
+    )  # fmt: skip
+    pieces = SpokenPieces(
+        frames, Mouth.of(face), batch=config.batch, length=config.frames, rules=config.rules,
+        rest=config.rest, without=config.without,
+    )  # fmt: skip
+    torch.manual_seed(config.run.seed)  # of the first weights, whoever heard the pack
+    listener = new_listener(pieces, student, config)
+    trained = {"direct": listener.direct, "contact": listener.contact}
+
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:
+        return listener.losses(pieces.draw(rng), config)
+
+    metrics, curve = loop.train(
+        "listen", trained, step_losses, steps=config.steps, rate=config.rate, run=config.run
+    )
+    finish(listener, config)
+    names = ("share", "gain", "width_gain", "rules", "rest", "versions", "noises", "steps")
+    facts = {name: getattr(config, name) for name in names}
+    facts |= {"without": config.without, **config.run.card(metrics, curve)}
+    places = chain.ChainPaths(config.pack, config.phones, config.pair, config.output)
+    chain.write(old, places, listener.direct, listener.contact, facts, whole=not config.without)
+    return metrics
+
+
+def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) -> Listener:
+    """One that says nothing yet."""
+    mouth = pieces.mouth
+    every = max(len(pieces.frames.heard) // SAMPLES, 1)
+    heard = torch.from_numpy(pieces.frames.heard[::every].astype(np.float32))
+    seen = torch.cat([heard, heard.sigmoid()], -1)
+    scale = seen.mean(0), seen.std(0) + 1e-2
+    direct = Direct(heard.shape[1], student.config.expression_dim, config.hidden)
+    contact = new_head(student, mouth.face, config.contact, heard.shape[1])
+    mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
+    return Listener(direct, contact, student, mouth, scale, mix)
 
 
 @torch.no_grad()
-def _heard(
-    clip: Clip, encoder: AudioEncoder, rng: np.random.Generator
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    part = crop(clip, min(clip.num_frames, LONGEST), rng, 0.0 if rng.random() < CLEAN else 0.3)
-    sound = stacked(warped(encoder, rng), torch.from_numpy(part.audio)[None])[0]
-    voice = {"rules": RULES, "rest": REST}.get(clip.truth, clip.voice)
-    return sound.half().numpy(), part.rig.astype(np.float16), np.full(len(part.rig), voice)
-
-
-def frame_weights(voice: np.ndarray, config: ListenConfig) -> np.ndarray:
-    """[N]: a talker counts as the root of how much there is; those left out, not at all."""
-    weight = np.zeros(len(voice))
-    for name in sorted(set(voice.tolist()) - {RULES, REST, *config.without}):
-        weight[voice == name] = 1 / np.sqrt((voice == name).sum())
-    weight /= max(weight.sum(), 1e-9)
-    for name, share in ((RULES, config.rules), (REST, config.rest)):
-        weight[voice == name] = share / max((voice == name).sum(), 1)
-    return weight / weight.sum()
-
-
-def fit(
-    heard: ListenFrames, face: TrainingFace, config: ListenConfig
-) -> tuple[np.ndarray, np.ndarray]:
-    """-> matrix [2 D, 256], offset [256]: codes of the mouth from log-odds and their sigmoids."""
-    for talker in config.without:
-        if talker not in heard.voice:
-            known = ", ".join(sorted(set(heard.voice.tolist()) - {RULES, REST}))
-            raise InputError(f"--leave-out: expected one of {known}, got {talker!r}")
-    weight = frame_weights(heard.voice, config)
-    moments: Any = 0
-    for part in np.array_split(np.flatnonzero(weight), max(len(weight) // CHUNK, 1)):
-        sound = torch.from_numpy(heard.sound[part]).float()
-        codes = torch.from_numpy(face.rig_to_code(heard.rig[part].astype(np.float32))).float()
-        one = torch.ones(len(part), 1)
-        x = torch.cat([sound, sound.sigmoid(), one, face.mouth(codes)], -1).numpy()
-        moments = moments + ((x * weight[part, None].astype(np.float32)).T @ x).astype(np.float64)
-    inputs = 2 * heard.sound.shape[1]
-    mean = moments[inputs]  # of inputs, 1 and codes
-    moments = moments - np.outer(mean, mean)
-    gram, cross = moments[:inputs, :inputs], moments[:inputs, inputs + 1 :]
-    spread = np.sqrt(np.diag(gram).clip(0)) + 1e-3
-    gram = gram / np.outer(spread, spread) + config.ridge * np.eye(inputs)
-    matrix = np.linalg.solve(gram, cross / spread[:, None]) / spread[:, None]
-    return matrix, mean[inputs + 1 :] - mean[:inputs] @ matrix
-
-
-def listening(
-    sizes: DenoiserConfig, weights: Weights, face: TrainingFace,
-    matrix: np.ndarray, offset: np.ndarray, config: ListenConfig,
-) -> tuple[DenoiserConfig, Weights]:  # fmt: skip
-    """A student with the direct path: share * gain of its own mouth, the rest of the fit's."""
-    std, mean = (torch.from_numpy(weights[f"expression_{name}"]) for name in ("std", "mean"))
-    heard = len(matrix) // 2
-    result = {name: array for name, array in weights.items() if not name.startswith(HEAD)}
-
-    def standard(codes: Tensor) -> np.ndarray:
-        return (face.mouth(codes) / std).float().numpy()
-
-    own, fitted = config.share * config.gain, (1 - config.share) * config.gain
-    for name in ("output.weight", "output.bias"):
-        rows = np.moveaxis(weights[name], 0, -1)
-        mouth = standard(torch.from_numpy(np.ascontiguousarray(rows)) * std)
-        result[name] = np.moveaxis(rows - np.float32(1 - own) * mouth, -1, 0)
-    # what is shown is own * (blocks + mean) + fitted * fit, of which the mean comes by itself
-    rest = torch.from_numpy(fitted * offset).float() - (1 - own) * face.mouth(mean)
-    result["direct.move.weight"] = standard(torch.from_numpy(fitted * matrix).float()).T.copy()
-    result["direct.move.bias"] = standard(rest)
-    nothing = np.zeros(heard, np.float32)
-    result["null_audio"] = np.concatenate([weights["null_audio"], nothing])
-    sizes = replace(sizes, audio_dim=sizes.audio_dim + heard, direct_dim=heard, contact=0)
-    return sizes, result
-
-
-def run(config: ListenConfig, face: TrainingFace) -> None:
-    """Fit and write the chain: encoder, student and what extends it; of talkers left out, the
-    student alone."""
-    phones = load_encoder(config.phones)
-    matrix, offset = fit(hear(config, phones), face, config)
-    sizes, weights, card = load_student(config.old, "gaze")
-    sizes, weights = listening(sizes, weights, face, matrix, offset, config)
-    sha256 = _write_encoder(config, phones)
-    kept = {k: card[k] for k in ("teacher", "guidance", "steps", "seed", "history") if k in card}
-    facts = {
-        "audio_sha256": sha256,
-        "blocks": card["sha256"],
-        "truth": TRUTH,
-        "data": {**card.get("data", {}), **read_manifest(config.pack)["sources"]},
-        "direct": {
-            k: getattr(config, k) for k in ("share", "gain", "rules", "rest", "ridge", "versions")
-        },
-        "without": config.without,
-        **kept,
-        **dict(config.note),
-    }
-    path = config.output / STUDENTS["gaze"]
-    _save(path, weights, {"kind": "student", "config": asdict(sizes), **facts})
-    if config.without:
-        return
-    sha = {"sha256": checkpoint.load(path, "student")[1]["sha256"]}
-    own, card = checkpoint.load(config.old / STUDENTS["eyes"], "student")
-    sizes, weights, _ = load_student(config.old, "eyes")
-    sizes, weights = listening(sizes, weights, face, matrix, offset, config)
-    card |= {"config": asdict(sizes), "audio_model": card["audio_model"] | sha}
-    card["audio_sha256"] = sha256
-    _save(config.output / STUDENTS["eyes"], {k: v for k, v in weights.items() if k in own}, card)
-    for path in config.old.glob("eyes.*"):
-        shutil.copy(path, config.output)
-    zero, card = checkpoint.load(config.old / "emotion", "emotion")
-    zero = {k: v.astype(np.float16) if v.ndim > 1 else v for k, v in zero.items()}
-    card["student_sha256"] = sha["sha256"]
-    checkpoint.save(config.output / "emotion", zero, card)
-
-
-def _save(path: Path, weights: Weights, card: dict[str, Any]) -> None:
-    checkpoint.save(path, checkpoint.quantised(weights), card)
-
-
-def _write_encoder(config: ListenConfig, phones: AudioEncoder) -> str:
-    """The old encoder and the phonetic one as a pair -> its sha256."""
-    weights, card = checkpoint.load(config.old / "audio", "audio")
-    theirs, about = checkpoint.load(config.phones, "audio")
-    sizes = checkpoint.config_from(AudioEncoderConfig, card["config"])
-    if sizes.second:
-        raise InputError(
-            f"--start {config.old}: expected a chain that hears no phones yet, got one that does; "
-            "give the folder it was made from"
-        )
-    pair = replace(sizes, second=phones.config)
-    both = weights | {SECOND + name: array for name, array in theirs.items()}
-    card |= {"config": asdict(pair), "second": {k: v for k, v in about.items() if k != "config"}}
-    if not config.without:
-        _save(config.pair, both, card)
-    return checkpoint.load(config.pair, "audio")[1]["sha256"]
+def finish(listener: Listener, config: ListenConfig) -> None:
+    """In place: from heads of standardised features and of a mouth, as trained, to what they are in
+    the student."""
+    direct, (mean, spread) = listener.direct, listener.scale
+    dim = direct.hear.in_features
+    for layer in (direct.listen, direct.straight):
+        fold_scale(layer, mean, spread)
+    for layer in (direct.hear, listener.contact.listen):
+        fold_scale(layer, mean[:dim], spread[:dim])
+    mix = (1 - config.share) * listener.mix
+    for layer in (direct.move, direct.straight):
+        layer.weight.copy_(mix.T @ layer.weight)
+        layer.bias.copy_(mix.T @ layer.bias)
+    student = listener.student
+    read, write = (torch.from_numpy(a) for a in (listener.mouth.read, listener.mouth.write))
+    direct.read.copy_(student.expression_std[:, None] * read)
+    direct.rest.copy_(student.expression_mean @ read)
+    direct.write.copy_(write / student.expression_std)
+    direct.share.copy_(config.share * listener.mix)
+    assert direct.share.shape == (MOUTH, MOUTH)

@@ -83,7 +83,7 @@ def test_a_scale_folded_in_is_the_scale_applied() -> None:
     x0, audio = torch.randn(1, 7, 256), 3 + 2 * torch.randn(1, 7, 512)
     mean, spread = torch.randn(512), 0.5 + torch.rand(512)
     expected = head(x0, (audio - mean) / spread)
-    contact.fold_scale(head, mean, spread)
+    contact.fold_scale(head.listen, mean, spread)
     torch.testing.assert_close(head(x0, audio), expected, atol=1e-4, rtol=1e-4)
 
 

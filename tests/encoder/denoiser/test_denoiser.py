@@ -45,7 +45,7 @@ class DenoiserStream(nn.Module):
 def test_denoiser(attention: str, dtype: torch.dtype) -> None:
     config = DenoiserConfig(
         expression_dim=12, audio_dim=8, layers=2, dim=32, ff_dim=48, window=5, attention=attention,
-        contact=6, direct_dim=3,
+        contact=6, direct_dim=3, direct=4,
     )  # fmt: skip
     stream = DenoiserStream(config).to(dtype)
     assert stream.inner.contact is not None and stream.inner.direct is not None

@@ -1,4 +1,4 @@
-"""A chain that learns to hear phones: the fit, who counts in it, and what is kept of the chain."""
+"""A chain that learns to hear phones: what is trained, who counts in it, what stays."""
 
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -11,70 +11,148 @@ from training_material import FACE, pack_of_tones
 
 from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
-from encoder.denoiser.config import PRESETS, ZeroConvConfig
+from encoder.denoiser.config import MOUTH, PRESETS, ZeroConvConfig
+from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
 from encoder.denoiser.zero_conv import ZeroConvs
 from encoder.emotion.labels import LABELS
 from encoder.inference import load_networks, load_student
 from encoder.nn import checkpoint
+from encoder.training import loop
+from encoder.training.mouth import Mouth
 from encoder.training.stages import listen
+from encoder.training.streams.pieces import SpokenPieces, voice_weights
+from encoder.training.streams.spoken import REST, RULES, SpokenFrames
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
-PATHS = {name: Path() for name in ("pack", "phones", "old", "pair", "output")}
 
 
 def noise(*shape: int) -> torch.Tensor:
     return torch.randn(*shape, generator=torch.Generator().manual_seed(0))
 
 
-def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_the_fit() -> None:
+def settings(folder: Path, **more: Any) -> listen.ListenConfig:
+    names = ("pack", "phones", "old", "pair", "output")
+    given = dict.fromkeys(names, folder) | {"run": loop.RunSettings(state=folder / "state")}
+    return listen.preset("debug", **{**given, **more})
+
+
+def spoken(voices: dict[str, int], dim: int = 7) -> SpokenFrames:
+    """Clips of these voices, of so many frames."""
+    rng, count = np.random.default_rng(0), sum(voices.values())
+    heard = rng.standard_normal((count, dim)).astype(np.float16)
+    own, rig = rng.standard_normal((count, 256)), rng.random((count, 53))
+    phones = rng.integers(-1, 40, count).astype(np.int8)
+    whose = np.repeat(list(voices), list(voices.values()))
+    lengths = np.array(list(voices.values()))
+    return SpokenFrames(
+        heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths
+    )
+
+
+def untrained() -> tuple[Denoiser, SpokenPieces]:
     torch.manual_seed(0)
     student = Denoiser(PRESETS["debug"])
     student.expression_std.uniform_(0.5, 2)
     student.expression_mean.normal_()
-    matrix, offset = noise(14, 256).numpy(), noise(256).numpy()
-    config = listen.preset("debug", **PATHS, share=0.4, gain=1.5)
-    sizes, weights = listen.listening(
-        student.config, checkpoint.arrays(student.state_dict()), FACE, matrix, offset, config
-    )
-    assert sizes.direct_dim == 7 and sizes.audio_dim == student.config.audio_dim + 7
-    anew = Denoiser(sizes)
-    anew.load_state_dict({name: torch.tensor(array) for name, array in weights.items()})
-    old, heard = noise(2, 9, student.config.audio_dim), 3 * noise(2, 9, 7)
-    x, gaze, tau = noise(2, 9, 256), noise(2, 9, 6), torch.tensor([200])
-    with torch.no_grad():
-        blocks = student.unstandardise(student(x, tau, old, gaze))
-        shown = anew.unstandardise(anew(x, tau, torch.cat([old, heard], -1), gaze))
-    fitted = torch.cat([heard, heard.sigmoid()], -1) @ torch.tensor(matrix) + torch.tensor(offset)
-    wanted = FACE.mouth(1.5 * (0.4 * blocks + 0.6 * fitted)) + blocks - FACE.mouth(blocks)
-    torch.testing.assert_close(shown, wanted, atol=1e-3, rtol=1e-3)
+    frames = spoken({"anna": 90, RULES: 60, REST: 50})
+    pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=20, rules=0.3, rest=0.3)
+    return student.eval().requires_grad_(False), pieces
 
 
-def test_the_fit_finds_a_map_and_hears_nobody_who_is_left_out() -> None:
-    rng = np.random.default_rng(0)
-    sound = rng.standard_normal((4000, 5)).astype(np.float16)
-    rig = (sound @ rng.uniform(0, 0.1, (5, 53)) + 0.5).astype(np.float16)
-    voice = np.repeat(["anna", "ben", ""], [1900, 1900, 200])
-    rig[voice == "ben"] = 0.3
-    heard = listen.ListenFrames(sound, rig, voice)
-    config = listen.preset("debug", **PATHS, without=("ben",), rules=0.0)
-    matrix, offset = listen.fit(heard, FACE, config)
-    x = np.concatenate([sound, 1 / (1 + np.exp(-sound.astype(np.float32)))], 1)
-    truth = FACE.mouth(torch.from_numpy(FACE.rig_to_code(rig.astype(np.float32)))).numpy()
-    off = (x @ matrix + offset - truth)[voice == "anna"]
-    assert np.abs(off).max() < 0.05 * np.abs(truth).max()
-    with pytest.raises(InputError, match="--leave-out: expected one of anna, ben, got 'carl'"):
-        listen.fit(heard, FACE, replace(config, without=("carl",)))
+@torch.no_grad()
+def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hears(
+    tmp_path: Path,
+) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path, share=0.4, gain=1.5)
+    listener = listen.new_listener(pieces, student, config)
+    for tensor in (*listener.direct.parameters(), *listener.contact.parameters()):
+        torch.nn.init.normal_(tensor, std=0.2)
+    heard, x0 = 3 * noise(2, 9, 7), noise(2, 9, 256)
+    seen = (torch.cat([heard, heard.sigmoid()], -1) - listener.scale[0]) / listener.scale[1]
+    mouth, codes = listener.mouth, student.unstandardise(x0)
+    mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * listener.direct.said(seen)
+    voice = listener.direct.voiced(seen[..., :7]).sigmoid()
+    wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
+    moved = listener.contact.moved_mm(student.standardise(wanted), seen[..., :7])
+    listen.finish(listener, config)
+    shown, sure = listener.direct(x0, heard)
+    torch.testing.assert_close(sure, voice)
+    torch.testing.assert_close(student.unstandardise(shown), wanted, atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(listener.contact.moved_mm(shown, heard), moved, atol=1e-3, rtol=1e-3)
+
+
+@torch.no_grad()
+def test_without_a_voice_the_mouth_rests_and_all_else_stays(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path)
+    listener = listen.new_listener(pieces, student, config)
+    listen.finish(listener, config)
+    listener.direct.voice.bias.fill_(-50)
+    before = student.unstandardise(noise(2, 9, 256))
+    shown, voice = listener.direct(student.standardise(before), noise(2, 9, 7))
+    torch.nn.init.constant_(listener.contact.move.bias, 1.0)
+    after = student.unstandardise(listener.contact(shown, noise(2, 9, 7), voice))
+    torch.testing.assert_close(FACE.mouth(after), torch.zeros_like(after), atol=1e-4, rtol=0)
+    rest = [codes - FACE.mouth(codes) for codes in (before, after)]
+    torch.testing.assert_close(rest[0], rest[1], atol=1e-4, rtol=0)
+
+
+def test_a_direct_path_that_hears_a_voice_and_learned_nothing_changes_nothing() -> None:
+    direct, x0 = Direct(7, 256, 5), noise(2, 9, 256)
+    torch.nn.init.normal_(direct.read)
+    torch.nn.init.constant_(direct.voice.bias, 50)
+    torch.testing.assert_close(direct(x0, noise(2, 9, 7))[0], x0)
+
+
+def test_lips_are_wider_by_the_gain_and_as_far_open_as_before() -> None:
+    mouth, truth = Mouth.of(FACE), noise(500, MOUTH)
+    before, after = mouth.spans(truth), mouth.spans(truth @ mouth.widened(truth, 1.3))
+    torch.testing.assert_close(after[:, 0], before[:, 0], atol=1e-3, rtol=1e-3)
+    torch.testing.assert_close(after[:, 1], 1.3 * before[:, 1], atol=1e-3, rtol=1e-3)
+
+
+def test_training_lowers_the_error_of_the_mouth_and_tells_voices(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path, steps=150, batch=8, frames=20, hidden=16, rate=1e-2, drop=0.0)
+    heard = torch.from_numpy(pieces.frames.heard.astype(np.float32))
+    pieces.truth = (heard @ noise(7, MOUTH)).numpy() * (pieces.frames.voice != REST)[:, None]
+    pieces.frames.heard[pieces.frames.voice == REST] += 3
+    listener = listen.new_listener(pieces, student, config)
+    trained = {"direct": listener.direct, "contact": listener.contact}
+
+    def step_losses(step: int, rng: np.random.Generator) -> dict[str, torch.Tensor]:
+        return listener.losses(pieces.draw(rng), config)
+
+    batch = pieces.draw(np.random.default_rng(1))
+    before = listener.losses(batch, config)
+    loop.train("listen", trained, step_losses, steps=150, rate=1e-2, run=config.run)
+    after = listener.losses(batch, config)
+    assert after["shape"] < 0.5 * before["shape"] and after["voice"] < 0.5 * before["voice"]
 
 
 def test_a_talker_counts_as_the_root_of_how_much_there_is() -> None:
-    names = ("anna", "ben", "carl", listen.RULES, listen.REST)
-    voice = np.repeat(names, [400, 100, 50, 30, 20])
-    config = listen.preset("debug", **PATHS, without=("carl",), rules=0.1, rest=0.2)
-    weight = listen.frame_weights(voice, config)
-    shares = [weight[voice == name].sum() for name in names]
+    voice = np.repeat(["anna", "ben", "carl", RULES, REST], [400, 100, 50, 30, 20])
+    weight = voice_weights(voice, 0.1, 0.2, ("carl",))
+    shares = [weight[voice == name].sum() for name in ("anna", "ben", "carl", RULES, REST)]
     np.testing.assert_allclose(shares, np.array([2, 1, 0, 0.3, 0.6]) / 3.9, rtol=1e-6)
+    with pytest.raises(InputError, match="--leave-out: expected one of anna, ben, carl, got 'dan'"):
+        voice_weights(voice, 0.1, 0.2, ("dan",))
+
+
+def test_pieces_are_of_one_clip_and_of_nobody_who_is_left_out() -> None:
+    frames = spoken({"anna": 30, "ben": 25, REST: 10}, dim=1)
+    frames.heard[:, 0] = np.arange(65)
+    pieces = SpokenPieces(
+        frames, Mouth.of(FACE), batch=64, length=12, rules=0.0, rest=1.0, without=("anna",)
+    )
+    heard, _, truth, _, voiced, there = pieces.draw(np.random.default_rng(0))
+    rows = heard[..., 0][there > 0].long()
+    assert set(rows.tolist()) == set(range(30, 65))
+    np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows])
+    assert (voiced[there > 0][rows >= 55] == 0).all() and (voiced[there > 0][rows < 55] != 0).all()
 
 
 def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
@@ -101,7 +179,7 @@ def config(tmp_path: Path) -> listen.ListenConfig:
     phones = replace(AUDIO["phonetic-debug"], past_ticks=2)
     save(tmp_path / "phones" / "audio", AudioEncoder(phones), "audio")
     paths = {"pack": pack, "phones": tmp_path / "phones" / "audio", "old": old, "output": out}
-    return listen.preset("debug", **paths, pair=out / "audio", share=0.5, gain=2.0)
+    return settings(tmp_path, **paths, pair=out / "audio")
 
 
 def test_the_whole_chain_hears_phones_and_keeps_its_blocks(config: listen.ListenConfig) -> None:
@@ -109,19 +187,32 @@ def test_the_whole_chain_hears_phones_and_keeps_its_blocks(config: listen.Listen
     networks, _ = load_networks(config.output)
     assert networks.audio_config.second is not None
     assert networks.config.audio_dim == networks.audio_config.frame_width
-    assert networks.config.contact == 0 and networks.denoiser["direct.move.weight"].any()
+    assert networks.config.contact == config.contact and networks.config.direct == config.hidden
+    assert networks.denoiser["direct.move.weight"].any()
     _, before, _ = load_student(config.old, "gaze")
     eyes, seeing, _ = load_student(config.output, "eyes")
     assert eyes.condition == "eyes" and eyes.direct_dim == networks.config.direct_dim
     for name, tensor in before.items():
-        if name != "null_audio":  # share * gain is 1
+        if name != "null_audio":
             np.testing.assert_allclose(networks.denoiser[name], tensor, atol=0.02)
         if not name.startswith(("input", "null_cond")):
             np.testing.assert_array_equal(networks.denoiser[name], seeing[name])
     now = checkpoint.load(config.output / "student", "student")[1]["sha256"]
     assert checkpoint.load(config.output / "emotion", "emotion")[1]["student_sha256"] == now
-    with pytest.raises(InputError, match="expected a chain that hears no phones yet"):
-        listen.run(replace(config, old=config.output), FACE)
+
+
+def test_a_chain_that_listens_learns_to_anew_from_the_same_blocks(config, tmp_path) -> None:
+    listen.run(config, FACE)
+    first = load_student(config.output, "gaze")
+    heard = (config.pack / "spoken.npz").stat().st_mtime_ns
+    again = replace(config, old=config.output, output=tmp_path / "2", pair=tmp_path / "2" / "audio")
+    listen.run(again, FACE)
+    assert (config.pack / "spoken.npz").stat().st_mtime_ns == heard
+    second = load_student(again.output, "gaze")
+    assert first[0] == second[0] and first[2]["blocks"] == second[2]["blocks"]
+    for name, tensor in first[1].items():
+        np.testing.assert_allclose(tensor, second[1][name], rtol=1e-3, atol=1e-4)
+    assert load_networks(again.output, "eyes")[0].config.condition == "eyes"
 
 
 def test_who_is_left_out_gets_a_student_and_nothing_else(config, tmp_path) -> None:

@@ -11,7 +11,7 @@ from training_material import FACE, pack_of_tones
 
 from encoder.capture import dataset
 from encoder.capture.speech.handling import HANDLING
-from encoder.denoiser.config import PRESETS
+from encoder.denoiser.config import MOUTH, PRESETS
 from encoder.denoiser.diffusion import Schedule
 from encoder.denoiser.model import Denoiser
 from encoder.nn import checkpoint
@@ -228,10 +228,10 @@ def test_the_truth_holds_the_mouth_and_leaves_the_eyes_to_the_teacher():
     student, codes, weight = Denoiser(PRESETS["debug"]), torch.zeros(1, 4, 256), torch.ones(1, 4)
     student.expression_std.fill_(3.0)
     z = torch.zeros(1, 4, 256)
-    z[..., 128:] = 1.0
+    z[..., MOUTH:] = 1.0
     assert mouth_error(student, z, codes, weight, FACE) == 0
-    z[..., :128] = 1.0
-    assert mouth_error(student, z, codes, weight, FACE) == pytest.approx(0.5)
+    z[..., :MOUTH] = 1.0
+    assert mouth_error(student, z, codes, weight, FACE) == pytest.approx(MOUTH / 256)
 
 
 @pytest.mark.parametrize("part, eyes_move", [("mouth", False), ("face", True)])

@@ -1,0 +1,57 @@
+"""The mouth's part of a code as a few numbers, in which what hears phones is trained."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from encoder.denoiser.config import MOUTH
+from encoder.training.geometry import TrainingFace
+
+
+@dataclass(frozen=True)
+class Mouth:
+    """What of a code is the mouth, as MOUTH numbers that are all 0 at rest."""
+
+    face: TrainingFace
+    read: np.ndarray  # [256, MOUTH]
+    write: np.ndarray  # [MOUTH, 256]
+    shape: Tensor  # [MOUTH, V * 3] mm, weighted; of unit weight in all
+    lips: Tensor  # [MOUTH, 2] mm that the lips open and widen
+
+    @staticmethod
+    def of(face: TrainingFace) -> "Mouth":
+        u, s, v = np.linalg.svd(face.mouth(torch.eye(256)).numpy().astype(np.float64))
+        if s[MOUTH] > 1e-3 * s[0]:
+            raise ValueError(f"expected a mouth of {MOUTH} numbers, got more")
+        read = (u[:, :MOUTH] * s[:MOUTH]).astype(np.float32)
+        write = v[:MOUTH].astype(np.float32)
+        codes = torch.from_numpy(write)[:, None]
+        weights = (face.weights / face.weights.sum()).sqrt()
+        shape = (face.vertices(codes)[:, 0] * weights[:, None]).flatten(1)
+        nothing = torch.zeros_like(codes[:1])
+        tiny = 1e-2  # spans are lengths: straight near rest
+        width = (face.spans(tiny * codes) - face.spans(nothing))[:, 0, 0] / tiny
+        opening = face.gaps(codes)[..., 1].mean(-1)[:, 0]
+        return Mouth(face, read, write, shape, torch.stack([opening, width], 1))
+
+    def vertices(self, mouth: Tensor) -> Tensor:
+        return mouth @ self.shape
+
+    def spans(self, mouth: Tensor) -> Tensor:
+        return mouth @ self.lips
+
+    def gap(self, mouth: Tensor) -> Tensor:
+        return mouth @ self.lips[:, 0]
+
+    def codes(self, mouth: Tensor) -> Tensor:
+        return mouth @ torch.from_numpy(self.write)
+
+    def widened(self, truth: Tensor, gain: float) -> Tensor:
+        """[MOUTH, MOUTH] -> lips are wider and narrower by `gain` at the same opening, in the way
+        that true mouths [N, MOUTH] are."""
+        spans = self.spans(truth)
+        ways = torch.linalg.lstsq(spans - spans.mean(0), truth - truth.mean(0)).solution
+        way = ways[1]  # [M] widens by one mm and opens by none
+        return torch.eye(MOUTH) + (gain - 1) * self.lips[:, 1:] * way

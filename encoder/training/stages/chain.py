@@ -1,0 +1,141 @@
+"""A shipped chain that is extended by what hears phones: read, and written anew."""
+
+import shutil
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from encoder.audio.config import SECOND, AudioEncoderConfig
+from encoder.audio.encoder import AudioEncoder
+from encoder.capture.dataset import read_manifest
+from encoder.denoiser.config import HEAD, DenoiserConfig
+from encoder.denoiser.contact import Contact
+from encoder.denoiser.direct import Direct
+from encoder.denoiser.model import Denoiser
+from encoder.inference import STUDENTS, load_student
+from encoder.nn import checkpoint
+from encoder.nn.modules import fill
+from encoder.training.checkpoints import load_encoder
+from encoder.training.stages.diffusion import TRUTH
+from encoder.types import Condition, Weights
+
+DIRECT = "direct."  # how the names of the direct path's tensors begin
+
+
+@dataclass(frozen=True)
+class OldChain:
+    """A chain without what hears phones, whether its folder has that or not."""
+
+    folder: Path
+    sizes: DenoiserConfig
+    weights: Weights
+    card: dict[str, Any]
+    audio: AudioEncoder
+
+    @staticmethod
+    def load(folder: Path, condition: Condition = "gaze") -> "OldChain":
+        sizes, weights, card = load_student(folder, condition)
+        plain = {k: v for k, v in weights.items() if not k.startswith((HEAD, DIRECT))}
+        size = sizes.audio_dim - sizes.direct_dim
+        plain["null_audio"] = plain["null_audio"][:size]
+        sizes = replace(sizes, audio_dim=size, direct_dim=0, direct=0, contact=0)
+        encoder = load_encoder(folder / "audio")
+        encoder.second, encoder.config = None, replace(encoder.config, second=None)
+        return OldChain(folder, sizes, plain, card, encoder)
+
+    @property
+    def blocks(self) -> str:
+        """The sha256 of the student that its blocks are of."""
+        return str(self.card.get("blocks", self.card["sha256"]))
+
+    def student(self) -> Denoiser:
+        path = self.folder / STUDENTS[self.sizes.condition]
+        return fill(Denoiser(self.sizes), self.weights, path, "student").requires_grad_(False)
+
+
+def listening(old: OldChain, direct: Direct, contact: Contact) -> tuple[DenoiserConfig, Weights]:
+    """A student with the direct path and the contact head, as it was in all other tensors."""
+    heard, hidden = direct.hear.in_features, direct.listen.out_features
+    result = dict(old.weights)
+    result |= {DIRECT + k: v for k, v in checkpoint.arrays(direct.state_dict()).items()}
+    result |= {HEAD + k: v for k, v in checkpoint.arrays(contact.state_dict()).items()}
+    result["null_audio"] = np.concatenate([old.weights["null_audio"], np.zeros(heard, np.float32)])
+    size = old.sizes.audio_dim + heard
+    sizes = replace(
+        old.sizes,
+        audio_dim=size,
+        direct_dim=heard,
+        direct=hidden,
+        contact=contact.listen.out_features,
+    )
+    return sizes, result
+
+
+@dataclass(frozen=True)
+class ChainPaths:
+    """Where a chain's parts come from and go to."""
+
+    pack: Path
+    phones: Path  # the phonetic encoder, without suffix
+    pair: Path  # the old encoder and the phonetic one as one, without suffix
+    output: Path  # folder of the student
+
+
+def write(
+    old: OldChain, places: ChainPaths, direct: Direct, contact: Contact, listen: dict[str, Any],
+    *, whole: bool,
+) -> None:  # fmt: skip
+    """Encoder, student and what extends it; not whole: the student alone. `listen` goes into its
+    card."""
+    sizes, weights = listening(old, direct, contact)
+    card = old.card
+    kept = {k: card[k] for k in ("teacher", "guidance", "steps", "seed", "history") if k in card}
+    card = {
+        "kind": "student",
+        "config": asdict(sizes),
+        "audio_sha256": _write_encoder(old, places, whole),
+        "blocks": old.blocks,
+        "truth": TRUTH,
+        "data": {**card.get("data", {}), **read_manifest(places.pack)["sources"]},
+        "listen": listen,
+        **kept,
+    }
+    path = places.output / STUDENTS["gaze"]
+    _save(path, weights, card)
+    if not whole:
+        return
+    sha = {"sha256": checkpoint.load(path, "student")[1]["sha256"]}
+    seeing_old = OldChain.load(old.folder, "eyes")
+    own, seeing = checkpoint.load(old.folder / STUDENTS["eyes"], "student")
+    sizes, weights = listening(seeing_old, direct, contact)
+    seeing |= {"config": asdict(sizes), "audio_model": seeing["audio_model"] | sha}
+    seeing["audio_sha256"] = card["audio_sha256"]
+    _save(places.output / STUDENTS["eyes"], {k: v for k, v in weights.items() if k in own}, seeing)
+    for file in old.folder.glob("eyes.*"):
+        if file.parent != places.output:
+            shutil.copy(file, places.output)
+    zero, about = checkpoint.load(old.folder / "emotion", "emotion")
+    zero = {k: v.astype(np.float16) if v.ndim > 1 else v for k, v in zero.items()}
+    about["student_sha256"] = sha["sha256"]
+    checkpoint.save(places.output / "emotion", zero, about)
+
+
+def _save(path: Path, weights: Weights, card: dict[str, Any]) -> None:
+    checkpoint.save(path, checkpoint.quantised(weights), card)
+
+
+def _write_encoder(old: OldChain, places: ChainPaths, whole: bool) -> str:
+    """The old encoder and the phonetic one as a pair -> its sha256."""
+    weights, card = checkpoint.load(old.folder / "audio", "audio")
+    theirs, about = checkpoint.load(places.phones, "audio")
+    weights = {k: v for k, v in weights.items() if not k.startswith(SECOND)}
+    pair = replace(
+        old.audio.config, second=checkpoint.config_from(AudioEncoderConfig, about["config"])
+    )
+    both = weights | {SECOND + name: array for name, array in theirs.items()}
+    card |= {"config": asdict(pair), "second": {k: v for k, v in about.items() if k != "config"}}
+    if whole:
+        _save(places.pair, both, card)
+    return checkpoint.load(places.pair, "audio")[1]["sha256"]

@@ -1,0 +1,68 @@
+"""Random pieces of spoken frames, with the mouths in them as numbers."""
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from encoder.training.mouth import Mouth
+from encoder.training.streams.spoken import REST, RULES, SpokenFrames
+from sensors.types import InputError
+
+APART_MM = 1.0  # that lips are when a voice is heard, where phones are not known
+
+
+class SpokenPieces:
+    """`length` frames or less each. rules, rest: how much rule-made motion and sounds of no voice
+    count, against 1 of real talkers; `without`: talkers who do not."""
+
+    def __init__(
+        self, frames: SpokenFrames, mouth: Mouth, *, batch: int, length: int, rules: float,
+        rest: float, without: tuple[str, ...] = (),
+    ) -> None:  # fmt: skip
+        self.frames, self.mouth, self.batch, self.length = frames, mouth, batch, length
+        codes = mouth.face.rig_to_code(frames.rig.astype(np.float32))
+        self.truth = (codes @ mouth.read).astype(np.float32)
+        self.own = frames.own.astype(np.float32) @ mouth.read
+        ends = np.cumsum(frames.lengths)
+        self._places = np.array([
+            (first, min(length, int(end) - first))
+            for end, count in zip(ends, frames.lengths, strict=True)
+            for first in range(int(end - count), int(end), length)
+        ])  # fmt: skip
+        weight = voice_weights(frames.voice, rules, rest, without)
+        chances = weight[self._places[:, 0]] * self._places[:, 1]
+        self._chances = chances / chances.sum()
+        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
+        voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
+        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
+
+    def draw(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
+        """heard [B, T, D], own and truth [B, T, MOUTH]; phones [B, T], voiced (1, 0 or -1: not
+        known) and 1 where a piece has a frame."""
+        chosen = self._places[rng.choice(len(self._places), self.batch, p=self._chances)]
+        place = np.arange(self.length)
+        there = place < chosen[:, 1:]
+        rows = chosen[:, :1] + np.minimum(place, chosen[:, 1:] - 1)
+        parts = (
+            self.frames.heard[rows].astype(np.float32), self.own[rows], self.truth[rows],
+            self.frames.phones[rows].astype(np.int64), self.voiced[rows].astype(np.float32),
+            there.astype(np.float32),
+        )  # fmt: skip
+        return tuple(torch.from_numpy(part) for part in parts)
+
+
+def voice_weights(
+    voice: np.ndarray, rules: float, rest: float, without: tuple[str, ...]
+) -> np.ndarray:
+    """[N]: a talker counts as the root of how much there is; those left out, not at all."""
+    talkers = sorted(set(voice.tolist()) - {RULES, REST})
+    for name in without:
+        if name not in talkers:
+            raise InputError(f"--leave-out: expected one of {', '.join(talkers)}, got {name!r}")
+    weight = np.zeros(len(voice))
+    for name in set(talkers) - set(without):
+        weight[voice == name] = 1 / np.sqrt((voice == name).sum())
+    weight /= max(weight.sum(), 1e-9)
+    for name, share in ((RULES, rules), (REST, rest)):
+        weight[voice == name] = share / max((voice == name).sum(), 1)
+    return weight / weight.sum()

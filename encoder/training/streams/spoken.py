@@ -1,0 +1,111 @@
+"""What the direct path learns from: what was heard of each clip's frames, and what mouths did.
+
+Each clip from its start, as other ears, microphones and rooms hear it; beside it what the old chain
+says of the same sound, and many kinds of sounds that no voice makes. Kept in the pack for next
+time.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import torch
+from tqdm import tqdm
+
+from encoder.audio.encoder import AudioEncoder
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
+from encoder.denoiser.model import Denoiser
+from encoder.training.clips import stacked
+from encoder.training.streams.augment import Crop, crop, not_speech
+from encoder.training.streams.streams import AHEAD, warped
+
+CLEAN = 0.25  # share of clips as a good microphone hears them
+LONGEST = 300  # frames of a clip
+RARE = 3  # times as many versions of a talker who has few clips
+RULES, REST = "", "-"  # who shows rule-made motion, or none
+_WHO = {"rules": RULES, "rest": REST}
+
+
+@dataclass(frozen=True)
+class Ears:
+    """The phonetic encoder, and the chain that is to hear phones."""
+
+    phones: AudioEncoder
+    audio: AudioEncoder
+    student: Denoiser  # conditioned on gaze, without a contact head
+
+    @torch.no_grad()
+    def hear(
+        self, sound: np.ndarray, gaze: np.ndarray, rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """[800 T], [T, 6] -> log-odds [T, D], the student's codes [T, 256]."""
+        heard = torch.from_numpy(sound)[None]
+        says = stacked(warped(self.phones, rng), heard)[0]
+        noise = torch.randn(1, len(says), self.student.config.expression_dim)
+        tau = torch.tensor([self.student.config.num_steps])
+        look = torch.from_numpy(gaze)[None]
+        x0 = self.student(noise, tau, stacked(self.audio, heard), look)
+        return says.numpy(), self.student.unstandardise(x0)[0].numpy()
+
+
+@dataclass(frozen=True)
+class SpokenFrames:
+    """Frames of clips, end to end."""
+
+    heard: np.ndarray  # [N, D] float16 audio features of the phonetic encoder
+    own: np.ndarray  # [N, 256] float16, what the old chain shows
+    rig: np.ndarray  # [N, 53] float16, the truth
+    phones: np.ndarray  # [N] int8, -1 unknown
+    voice: np.ndarray  # [N] str, the talker's, RULES or REST
+    lengths: np.ndarray  # [C] int64 frames of the clips
+
+
+def hear_pack(
+    pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int
+) -> SpokenFrames:
+    """`recipe`: what the ears are; others hear the pack anew."""
+    path, recipe = pack / "spoken.npz", f"{recipe} {seed} {versions} {noises}"
+    names = tuple(SpokenFrames.__dataclass_fields__)
+    if path.is_file():
+        with np.load(path, allow_pickle=False) as data:
+            if str(data["recipe"]) == recipe:
+                return SpokenFrames(*(data[name] for name in names))
+    rows = []
+    for part, voice, rng in tqdm(_parts(pack, seed, versions, noises), "clips", mininterval=2):
+        torch.manual_seed(int(rng.integers(1 << 62)))
+        heard, own = ears.hear(part.audio, part.gaze.reshape(-1, 6), rng)
+        rows.append([
+            heard.astype(np.float16), own.astype(np.float16), part.rig.astype(np.float16),
+            part.phones.astype(np.int8), np.full(len(heard), voice), np.array([len(heard)]),
+        ])  # fmt: skip
+    spoken = SpokenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
+    np.savez(path, recipe=np.array(recipe), **vars(spoken))
+    return spoken
+
+
+def _parts(
+    pack: Path, seed: int, versions: int, noises: int
+) -> Iterator[tuple[Crop, str, np.random.Generator]]:
+    """Every clip as often as it is wanted, and sounds of no voice; whose each is."""
+    clips = [c for c in iter_pack(pack, "train") if c.truth in ("tracked", *_WHO)]
+    voices = [clip.voice for clip in clips if clip.truth == "tracked"]
+    most = max((voices.count(voice) for voice in set(voices)), default=1)
+    for index, clip in enumerate(clips):
+        rng = np.random.default_rng([seed, index])
+        rare = clip.truth == "tracked" and voices.count(clip.voice) < most / 4
+        count = RARE * versions if rare else 1 if clip.truth == "rules" else versions
+        for _ in range(count):
+            yield _cropped(clip, rng), _WHO.get(clip.truth, clip.voice), rng
+    for index in range(noises):
+        rng = np.random.default_rng([seed, len(clips) + index])
+        sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
+        gaze = np.tile(np.array(AHEAD, np.float32), (LONGEST, 1))
+        rig = np.zeros((LONGEST, clips[0].rig.shape[1]), np.float32)
+        silent = np.zeros(LONGEST, np.int64)
+        yield Crop(audio=sound, clean=sound, rig=rig, gaze=gaze, phones=silent), REST, rng
+
+
+def _cropped(clip: Clip, rng: np.random.Generator) -> Crop:
+    frames = min(clip.num_frames, LONGEST)
+    return crop(clip, frames, rng, 0.0 if rng.random() < CLEAN else 0.3)
