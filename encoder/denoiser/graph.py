@@ -63,12 +63,24 @@ def _direct(g: Graph, x0: str, heard: str, weights: Weights) -> tuple[str, str]:
         weight, bias = (weights[f"direct.{name}.{part}"] for part in ("weight", "bias"))
         return g.linear(x, weight.T, bias, exact=True)
 
+    # All that hears is one product of the log-odds and one of their sigmoids: what is large among
+    # the ones would leave few of the 8 bits to the others.
+    names = ("listen", "straight", "hear")
+    hear, straight, listen = (weights[f"direct.{name}.weight"].T for name in names[::-1])
+    odds, sure = np.split(np.concatenate([listen, straight], 1), 2)
+    bias = np.concatenate([weights[f"direct.{name}.bias"] for name in names])
+    all_odds = g.linear(heard, np.concatenate([odds, hear], 1), bias)
+    widths = [listen.shape[1], straight.shape[1], hear.shape[1]]
+    own_hidden, own_said, voices = g.op("Split", all_odds, g.const(widths), axis=1, outputs=3)
+    all_sure = g.linear(g.op("Sigmoid", heard), sure, np.zeros(sure.shape[1]))
+    hidden, said = g.op("Split", all_sure, g.const(widths[:2]), axis=1, outputs=2)
+    hidden = g.op("Relu", g.op("Add", own_hidden, hidden))
+    moved = layer(g.op("Relu", layer(hidden, "think")), "move")
+    said = g.op("Add", moved, g.op("Add", own_said, said))
+
     own = g.linear(x0, weights["direct.read"], weights["direct.rest"], exact=True)
-    seen = g.op("Concat", heard, g.op("Sigmoid", heard), axis=1)
-    moved = layer(g.op("Relu", layer(g.op("Relu", layer(seen, "listen")), "think")), "move")
-    said = g.op("Add", moved, layer(seen, "straight"))
     mixed = g.op("Add", g.op("MatMul", own, g.const(weights["direct.share"])), said)
-    voice = g.op("Sigmoid", layer(g.op("Relu", layer(heard, "hear")), "voice"))
+    voice = g.op("Sigmoid", layer(g.op("Relu", voices), "voice"))
     change = g.op("Sub", g.op("Mul", voice, mixed), own)
     return g.op("Add", x0, g.op("MatMul", change, g.const(weights["direct.write"]))), voice
 
