@@ -15,8 +15,8 @@ from sensors.types import InputError
 
 MAX_PACKED = 1_000_000  # bytes
 MAX_FILE = 4_000_000  # bytes that it may unpack to
-PART = 8192  # bytes
-PARTS_A_STEP = 16  # 130 kB a second
+PART = 1024  # bytes; what passes from one room server to another is one datagram
+PARTS_A_STEP = 128  # 130 kB a second
 HEAD = struct.Struct("<HI")  # number of the part, bytes of all
 
 

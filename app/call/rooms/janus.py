@@ -19,7 +19,7 @@ from app.call.wire.invite import Invite
 from app.call.wire.seal import SealError
 from sensors.types import InputError
 
-WRONG_PIN, NO_ROOM, ROOM_EXISTS, ROOM_FULL = 433, 426, 427, 432
+WRONG_PIN, NO_ROOM, ROOM_FULL = 433, 426, 432
 REFUSED = {WRONG_PIN: "the secret of this room", ROOM_FULL: "a free place"}
 
 
@@ -40,22 +40,14 @@ class JanusRoom:
         self._feeds: dict[str, asyncio.Task[None]] = {}
         self._been_in = self._is_in = False
 
-    @property
-    def url(self) -> str:
-        scheme = "wss" if self._invite.fingerprint else "ws"
-        host = f"[{self._invite.host}]" if ":" in self._invite.host else self._invite.host
-        return f"{scheme}://{host}:{self._invite.port}"
-
     async def run(self) -> None:
         import aiohttp
 
-        pin = self._invite.fingerprint
-        tls = aiohttp.Fingerprint(pin) if pin else True
         while True:
             try:
                 async with (
                     aiohttp.ClientSession() as http,
-                    JanusSession(http, self.url, self._invite.token, tls) as session,
+                    JanusSession(http, self._invite) as session,
                 ):
                     await self._take_part(session)
             except JanusError as error:  # a room that we come back to may still count us as in it
@@ -67,8 +59,8 @@ class JanusRoom:
             except (aiohttp.ClientError, OSError, TimeoutError) as error:
                 if not self._been_in:
                     raise InputError(
-                        f"call: expected a room server at {self.url}, got: {str(error)[:80]}; "
-                        "is it running?"
+                        f"call: expected a room server at {self._invite.url}, got: "
+                        f"{str(error)[:80]}; is it running?"
                     ) from None
             if self._is_in:
                 self._events.tell("the room's server is gone; will reconnect when it answers")
@@ -116,7 +108,7 @@ class JanusRoom:
         """Every event tells of people who have come or gone, those that answer us too."""
         room, handle = self._invite.room, await session.attach()
         if self._admin_key:
-            await self._create(session, handle)
+            await session.create_room(handle, self._admin_key)
         join = {"request": "join", "ptype": "publisher", "room": room, "pin": self._invite.pin}
         await session.message(handle, join | {"display": self._identity})
         while True:
@@ -144,24 +136,6 @@ class JanusRoom:
         self._been_in = self._is_in = True
         while publisher.state == "connected":
             await asyncio.sleep(LOOK_S)
-
-    async def _create(self, session: JanusSession, handle: int) -> None:
-        body = {
-            "request": "create",
-            "admin_key": self._admin_key,
-            "room": self._invite.room,
-            "pin": self._invite.pin,
-            "publishers": MAX_PEOPLE,
-            "audiocodec": "opus",
-            "opus_fec": False,  # our own, and sealed
-            "is_private": True,
-            "notify_joining": False,
-        }
-        try:
-            await session.request(handle, body)
-        except JanusError as error:
-            if error.code != ROOM_EXISTS:
-                raise
 
     def _follow(self, session: JanusSession, publishers: list[Any]) -> None:
         for publisher in publishers[: MAX_PEOPLE - 1]:

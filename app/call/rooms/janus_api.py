@@ -5,14 +5,18 @@ import contextlib
 import secrets
 from typing import TYPE_CHECKING, Any
 
+from app.call.wire.agreement import MAX_PEOPLE
+from app.call.wire.invite import Invite
+
 if TYPE_CHECKING:
-    from aiohttp import ClientSession, ClientWebSocketResponse, Fingerprint
+    from aiohttp import ClientSession, ClientWebSocketResponse
 
 PLUGIN = "janus.plugin.videoroom"
 ANSWER_S = 10.0
 KEEP_ALIVE_S = 20.0
 HEARTBEAT_S = 5.0
 MAX_MESSAGE = 1 << 18
+ROOM_EXISTS = 427
 
 
 class JanusError(Exception):
@@ -26,10 +30,8 @@ class JanusError(Exception):
 class JanusSession:
     """Use as an async context manager; a lost connection ends every wait with ConnectionError."""
 
-    def __init__(
-        self, http: "ClientSession", url: str, token: str, tls: "Fingerprint | bool"
-    ) -> None:
-        self._http, self._url, self._token, self._tls = http, url, token, tls
+    def __init__(self, http: "ClientSession", invite: Invite) -> None:
+        self._http, self._invite = http, invite
         self._socket: ClientWebSocketResponse | None = None
         self._id = 0
         self._waiting: dict[str, asyncio.Future[dict[str, Any]]] = {}
@@ -37,11 +39,14 @@ class JanusSession:
         self._tasks: list[asyncio.Task[None]] = []
 
     async def __aenter__(self) -> "JanusSession":
+        from aiohttp import Fingerprint
+
+        pin = self._invite.fingerprint
         self._socket = await self._http.ws_connect(
-            self._url,
+            self._invite.url,
             protocols=("janus-protocol",),
             max_msg_size=MAX_MESSAGE,
-            ssl=self._tls,
+            ssl=Fingerprint(pin) if pin else True,
             heartbeat=HEARTBEAT_S,
         )
         self._tasks.append(asyncio.create_task(self._read()))
@@ -70,6 +75,25 @@ class JanusSession:
         """A request that is answered at once, like create; JanusError where it is refused."""
         answer = await self._ask({"janus": "message", "handle_id": handle, "body": body})
         return _checked(answer.get("plugindata", {}).get("data", {}))
+
+    async def create_room(self, handle: int, admin_key: str) -> None:
+        """The invite's room, unless it is there already."""
+        body = {
+            "request": "create",
+            "admin_key": admin_key,
+            "room": self._invite.room,
+            "pin": self._invite.pin,
+            "publishers": MAX_PEOPLE,
+            "audiocodec": "opus",
+            "opus_fec": False,  # our own, and sealed
+            "is_private": True,
+            "notify_joining": False,
+        }
+        try:
+            await self.request(handle, body)
+        except JanusError as error:
+            if error.code != ROOM_EXISTS:
+                raise
 
     async def message(
         self, handle: int, body: dict[str, Any], jsep: dict[str, str] | None = None
@@ -112,7 +136,7 @@ class JanusSession:
             raise ConnectionError("the room's server is gone")
         transaction = transaction or secrets.token_hex(8)
         session = {"session_id": self._id} if self._id else {}
-        token = {"token": self._token} if self._token else {}
+        token = {"token": self._invite.token} if self._invite.token else {}
         await self._socket.send_json(message | session | token | {"transaction": transaction})
 
     async def _read(self) -> None:

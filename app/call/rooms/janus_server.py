@@ -45,7 +45,12 @@ WEBSOCKETS = """general: {{
 }}
 certificates: {{ {certificate} }}
 """
-VIDEOROOM = 'general: {{ admin_key = "{admin_key}"\n string_ids = true }}\n'
+VIDEOROOM = """general: {{
+    admin_key = "{admin_key}"
+    lock_rtp_forward = true
+    string_ids = true
+}}
+"""
 OTHER_PLUGINS = ("audiobridge", "echotest", "nosip", "recordplay", "sip", "streaming", "textroom")
 
 OTHER_TRANSPORTS = ("http", "rabbitmq", "pfunix", "mqtt", "nanomsg")
@@ -83,7 +88,7 @@ def room_invite(server: str, room: str, secret: bytes, key: str, now_s: int) -> 
     good = url.scheme == scheme and url.hostname and ROOM.fullmatch(room)
     if not good or not HEX.fullmatch(key.ljust(64, "0")) or len(key) != 32:
         raise InputError(
-            f"call host: expected --room NAME, --server wss://HOST:PORT#FINGERPRINT and its --key "
+            f"call: expected --room NAME, --server wss://HOST:PORT#FINGERPRINT and its --key "
             f"file, got room {room[:40]!r} on {server[:60]!r}; see livedrive call server"
         )
     passed = token(key, now_s)

@@ -122,10 +122,10 @@ async def run(settings: PersonSettings) -> None:
     person, closed = Person(settings, line), asyncio.Event()
 
     def read() -> None:
-        word = sys.stdin.readline()
-        if word:
-            person.obey(word.strip())
-        else:
+        said = os.read(sys.stdin.fileno(), 4096)  # all of it: a buffered line would wake nobody
+        for word in said.decode().split():
+            person.obey(word)
+        if not said:
             closed.set()
 
     asyncio.get_running_loop().add_reader(sys.stdin, read)

@@ -46,6 +46,12 @@ class Invite:
         return str(replace(self, secret=b"", token="")) + "..."
 
     @property
+    def url(self) -> str:
+        """The WebSocket of the room's server."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{'wss' if self.fingerprint else 'ws'}://{host}:{self.port}"
+
+    @property
     def pin(self) -> str:
         """What a room server asks of those who enter; it tells nothing of the secret."""
         return derive(self.secret, "room pin").hex()[:32]

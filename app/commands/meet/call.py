@@ -1,4 +1,4 @@
-"""`livedrive call host | join | server | test`: people meet as driven heads."""
+"""`livedrive call host | join | server | bridge | test`: people meet as driven heads."""
 
 import getpass
 import sys
@@ -11,7 +11,7 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from app.commands.live import LiveDriveOptions, ends_on_signals
-from app.commands.meet.server import Server, Test
+from app.commands.meet.server import Bridge, Server, Test
 from app.compose.call import SoundSettings, Switch
 from app.terminal.arguments import File, optional
 from sensors import files
@@ -186,12 +186,13 @@ def listen_to_keys(link: "CallLink", stop: Any) -> None:
 
 @dataclass(kw_only=True)
 class Call:
-    """Video calls with driven heads: host | join | server | test."""
+    """Video calls with driven heads: host | join | server | bridge | test."""
 
     action: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Host, subcommand("host")]
         | Annotated[Join, subcommand("join")]
         | Annotated[Server, subcommand("server")]
+        | Annotated[Bridge, subcommand("bridge")]
         | Annotated[Test, subcommand("test")]
     ]
 

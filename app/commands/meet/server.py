@@ -1,7 +1,9 @@
-"""`livedrive call server | test`: what a call needs beside people."""
+"""`livedrive call server | bridge | test`: what a call needs beside people."""
 
 import signal
+import sys
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
 
 from tyro.conf import Positional
@@ -62,6 +64,60 @@ class Server:
         finally:
             process.kill()
         raise OSError(f"call server: Janus ended with status {status}; see {self.folder}/janus.log")
+
+
+@dataclass(kw_only=True)
+class Bridge:
+    """Let a room span a second Janus server until Ctrl-C; print the invite that leads there."""
+
+    invite: Positional[str]
+    """The invite to the room, as `livedrive call host` printed it."""
+    key: Path
+    """File with the key of the invite's server."""
+    to: str
+    """The second server: wss://HOST:PORT#FINGERPRINT, as `livedrive call server` printed it."""
+    to_key: Path
+    """File with the second server's key."""
+
+    def run(self) -> None:
+        import asyncio
+
+        from app.call.rooms import bridge
+        from app.call.rooms.janus_server import room_invite
+        from app.call.wire.invite import parse
+
+        first, keys = (
+            parse(self.invite),
+            [files.read_text(k).strip() for k in (self.key, self.to_key)],
+        )
+        if first.kind != "room":
+            raise InputError(
+                "call bridge: expected an invite to a room, got one of two people; "
+                "see livedrive call host --room"
+            )
+        second = room_invite(self.to, first.room, first.secret, keys[1], _date_s())
+        ends = [
+            bridge.ServerAccess(invite=i, key=k) for i, k in zip((first, second), keys, strict=True)
+        ]
+
+        def tell(line: str) -> None:
+            print(line, flush=True)
+
+        async def run() -> None:
+            task = asyncio.current_task()
+            if task is not None and sys.platform != "win32":
+                asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, task.cancel)
+            tell(f"invite through the second server: {second}")
+            await bridge.Bridge((ends[0], ends[1]), tell, _date_s).run()
+
+        try:
+            asyncio.run(run())
+        except asyncio.CancelledError:
+            raise KeyboardInterrupt from None
+
+
+def _date_s() -> int:
+    return int(datetime.now(UTC).timestamp())
 
 
 @dataclass(kw_only=True)

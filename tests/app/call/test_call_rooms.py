@@ -1,6 +1,10 @@
 """Rooms on a Janus server of our own, in a network namespace: libnice leaves loopback out."""
 
 import asyncio
+import json
+import subprocess
+import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -8,6 +12,7 @@ import pytest
 
 from app.call.core.call import Call
 from app.call.rooms import feed, janus
+from app.call.rooms.bridge import Bridge, ServerAccess
 from app.call.rooms.janus_server import (
     ServerSettings,
     admin_key,
@@ -42,6 +47,31 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
         assert len(reports) == 2 and all(r["packets"] > 20 and not r["refused"] for r in reports)
     names = {row["name"] for row in room.metrics_of(found)["bars"]}
     assert {"room: back_s", "room: together", "room: strangers_shut_out"} <= names
+
+
+def test_a_room_spans_two_servers_and_comes_back_together() -> None:
+    """One person on each server; the second server is killed and started again; one person leaves;
+    the bridge ends and takes back what it made. Who has only the invite may not forward media."""
+    module = [sys.executable, "-m", "tests.app.call.bridge_scene"]
+    command = ["unshare", "--net", "--map-root-user", *module]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert not done.returncode, done.stderr[-1500:]
+    found = json.loads(done.stdout)
+    for number, lines in enumerate(found["reports"]):
+        assert [line["name"] for line in lines] == [f"Person {8189 - number}"]
+        assert lines[0]["packets"] >= 100 and not lines[0]["refused"]
+    spans, gone, back = found["lines"]
+    assert spans == back == "the room spans both servers"
+    assert gone.startswith("wss://10.9.9.1:8189 does not answer") and "trying again" in gone
+    assert "wrong admin_key" in found["stranger"]
+    assert (found["left"], found["apart"], found["status"]) == (1, 0, 130)
+
+
+def test_a_bridge_to_nobody_is_told_in_one_line() -> None:
+    nobody = ServerAccess(invite=replace(INVITE, port=1), key=KEY)
+    bridge = Bridge((nobody, nobody), print, lambda: 0)
+    with pytest.raises(InputError, match="got: ws://127.0.0.1:1 does not answer"):
+        asyncio.run(bridge.run())
 
 
 class Session:
