@@ -75,21 +75,6 @@ def lower_priority(niceness: int) -> None:
         os.nice(niceness)
 
 
-def run_when_idle() -> None:
-    """Take only what other processes leave of the processors: all threads of this process, and
-    those that they start. Where the system knows no such policy, the lowest priority."""
-    if sys.platform == "linux":  # a woken thread of the tick interrupts these at once
-        for thread in map(int, os.listdir("/proc/self/task")):
-            with contextlib.suppress(ProcessLookupError):  # it has just ended
-                os.sched_setscheduler(thread, os.SCHED_IDLE, os.sched_param(0))
-    elif sys.platform == "win32":
-        import psutil
-
-        psutil.Process().nice(psutil.IDLE_PRIORITY_CLASS)
-    else:
-        os.nice(19)
-
-
 def run(work: Coroutine[Any, Any, None]) -> None:
     """asyncio.run on a loop that can wait for a socket; the one that Windows prefers cannot."""
     with asyncio.Runner(loop_factory=asyncio.SelectorEventLoop) as runner:

@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     from app.xr.scene import Scene
     from render.gl.contexts import GLContext
 
+NICENESS = 10  # where the CPU draws, the tick goes first
+
 
 def main() -> None:
     """Show the head until the run ends; errors are left in the shared memory."""
@@ -28,8 +30,8 @@ def main() -> None:
         from app.xr.scene import Scene
 
         scene = Scene(context, info)
-        if context.software:  # where the CPU draws, the tick goes first
-            child.run_when_idle()
+        if context.software:
+            child.lower_priority(NICENESS)
         return scene
 
     try:

@@ -160,19 +160,3 @@ def test_threads_of_libraries_go_after_the_tick_too() -> None:
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     threads = done.stdout.split()
     assert len(threads) > 1 and set(threads) == {str(min(before + 3, 19))}, done.stderr
-
-
-@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere it is a priority of the process")
-def test_what_runs_when_idle_leaves_the_processors_to_the_tick() -> None:
-    script = (
-        "import os, threading; from app.process.child import run_when_idle\n"
-        "wait = threading.Event().wait\n"
-        "threading.Thread(target=wait, daemon=True).start()\n"
-        "run_when_idle()\n"
-        "threading.Thread(target=wait, daemon=True).start()\n"
-        "ids = [int(thread) for thread in os.listdir('/proc/self/task')]\n"
-        "print(*(os.sched_getscheduler(number) == os.SCHED_IDLE for number in ids))\n"
-    )
-    done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
-    policies = done.stdout.split()
-    assert len(policies) > 2 and set(policies) == {"True"}, done.stderr
