@@ -56,7 +56,7 @@ class XrSink:
         if bool(problem) != self._lost:
             self._lost = bool(problem)
             more = "" if self.memory.status["ended"] else "; still looking for it"
-            self._tell(f"xr: {problem}{more}" if problem else "xr: is back")
+            self._tell(f"headset: {problem}{more}" if problem else "headset: is back")
 
     def close(self) -> None:
         self.memory.status["ending"] = True
@@ -106,7 +106,7 @@ class XrSink:
             if self._closing.is_set() or status["ended"]:
                 return
             self._crashes += 1
-            status["problem"] = b"the headset's process crashed"
+            status["problem"] = b"its process crashed"
             if self._closing.wait(RESTART_S):
                 return
             self._process = self._start()

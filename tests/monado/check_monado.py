@@ -240,7 +240,7 @@ def test_a_run_survives_its_runtime_and_replays(monado: Monado, tmp_path: Path) 
     run.says("recording into")
     sleep(SECONDS / 3)
     monado.kill()
-    run.says("xr: the runtime")  # has gone
+    run.says("headset: the runtime")  # has gone
     sleep(1)
     started_ns = monado.start()
     assert run.end() == 0, run.said

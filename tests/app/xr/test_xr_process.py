@@ -84,7 +84,7 @@ def test_a_runtime_that_goes_and_comes_back_costs_no_tick(worn: Worn) -> None:
     worn.path.touch()
     wait_for(lambda: worn.status["frames"] > frames)
     worn.tick(3)
-    assert worn.told == ["xr: the runtime has gone; still looking for it", "xr: is back"]
+    assert worn.told == ["headset: the runtime has gone; still looking for it", "headset: is back"]
     report = worn.sink.xr_report()
     assert report["losses"] == 1 and report["crashes"] == 0 and report["eye_px"] == [64, 64]
 
@@ -105,8 +105,8 @@ def test_a_crashed_process_is_started_again(headless: Worn) -> None:
     headless.more("poses")
     headless.tick(2)
     assert [line.split(";")[0] for line in headless.told] == [
-        "xr: the headset's process crashed",
-        "xr: is back",
+        "headset: its process crashed",
+        "headset: is back",
     ]
 
 
