@@ -7,7 +7,7 @@ here.
 
 import asyncio
 import contextlib
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -99,7 +99,7 @@ class RoomEnd:
         await self._session.detach(handle)
 
     @contextlib.contextmanager
-    def _named(self):  # noqa: ANN202
+    def _named(self) -> Generator[None]:
         import aiohttp
 
         try:

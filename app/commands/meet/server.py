@@ -86,10 +86,8 @@ class Bridge:
         from app.call.rooms.janus_server import room_invite
         from app.call.wire.invite import parse
 
-        first, keys = (
-            parse(self.invite),
-            [files.read_text(k).strip() for k in (self.key, self.to_key)],
-        )
+        first = parse(self.invite)
+        keys = [files.read_text(key).strip() for key in (self.key, self.to_key)]
         if first.kind != "room":
             raise InputError(
                 "call bridge: expected an invite to a room, got one of two people; "
