@@ -139,8 +139,9 @@ class Call:
     def pull(self, count: int, heard_ns: int) -> Sound:
         """[count] samples of everybody, the first of which is heard at `heard_ns`."""
         out = np.zeros(count, np.float32)
+        now_ns = min(heard_ns, self._now_ns())  # what is heard later is also seen later
         for partner in self.partners.values():
-            out += partner.voice.pull(count, heard_ns)
+            out += partner.pull(count, heard_ns, now_ns)
         return np.minimum(np.maximum(out, -1), 1)
 
     def _send(self, stream: Stream, plain: bytes, media: int, counter: int | None) -> None:

@@ -4,9 +4,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from app.call.core.parcel import Receipt
-from app.call.media.face import end_of, note
+from app.call.media.face import FaceCounts, due_by, end_of, note
 from app.call.media.timeline import Timeline
-from app.call.media.voice import VoiceDecoder, VoiceTrack
+from app.call.media.voice import Sound, VoiceDecoder, VoiceTrack
 from app.call.wire.agreement import Hello
 from app.call.wire.packet import MalformedError, Packer, Tick
 from app.call.wire.seal import Keyring, SealError
@@ -58,6 +58,7 @@ class Partner:
         self.counts = PartnerCounts()
         self.timeline = Timeline()
         self.voice = VoiceTrack(self.timeline, decoder)
+        self.face = FaceCounts()
         self.receipt: Receipt | None = None  # of the avatar's file that comes
         self.problem = ""  # reason of the last refusal, one line
         self.heard_ns = -HEARD_NS  # when voice last came
@@ -65,6 +66,7 @@ class Partner:
         self.hello_ns = 0
         self._keys, self._packer = keys, packer
         self._known: dict[int, None] = {}  # ticks, oldest first
+        self._offset = 0  # of the newest one's end, see end_of
         self._allowance, self._counted_ns = RATE, 0
 
     def packet(
@@ -88,6 +90,13 @@ class Partner:
         self.counts.count(stream, counter, len(sealed), now_ns)
         self.came_ns = now_ns
 
+    def pull(self, count: int, heard_ns: int, now_ns: int) -> Sound:
+        """[count] samples, the first of which is heard at `heard_ns`."""
+        sound = self.voice.pull(count, heard_ns)
+        if self.timeline.started:
+            self.face.count(due_by(self.timeline.media_at(now_ns), self._offset), self._known)
+        return sound
+
     def is_heard(self, now_ns: int) -> bool:
         return now_ns - self.heard_ns < HEARD_NS
 
@@ -96,6 +105,7 @@ class Partner:
 
     def _face(self, plain: bytes, now_ns: int, show: Callable[[Tick, int], None]) -> None:
         new, offset = self._packer.open(plain, self._known)
+        self._offset = offset
         for tick in reversed(new):
             self._known[tick.index] = None
             show(tick, end_of(tick.index, offset))

@@ -4,11 +4,8 @@ from collections.abc import Mapping
 
 from app.call.core.call import Call
 from app.call.core.partner import Partner
-from app.call.media.face import Seen
 from app.call.wire import agreement
 from sensors.types import NS, SAMPLE_RATE
-
-UNSEEN = Seen()
 
 
 def delay_ms(call: Call, partner: Partner, now_ns: int) -> float | None:
@@ -24,8 +21,8 @@ def delay_ms(call: Call, partner: Partner, now_ns: int) -> float | None:
     return (now_ns + clocks[0] - said_ns) / 1e6
 
 
-def status_lines(call: Call, now_ns: int, seen: Mapping[str, Seen]) -> list[str]:
-    """Lines for window and terminal, the own state first."""
+def status_lines(call: Call, now_ns: int, behind_ms: Mapping[str, float]) -> list[str]:
+    """Lines for window and terminal, the own state first; `behind_ms`: see Seats."""
     hellos = [p.hello for p in call.partners.values() if p.hello is not None]
     heard = agreement.heard_by(call.hello, hellos)
     own = [f"heard by {heard} of {len(hellos)}" if hellos else "nobody is here yet"]
@@ -49,28 +46,28 @@ def status_lines(call: Call, now_ns: int, seen: Mapping[str, Seen]) -> list[str]
             parts.append("muted")
         if hello.records:
             parts.append("asks to record" if not call.hello.may_record else "records")
-        parts += _line(line_of(call, partner, now_ns, seen.get(partner.identity, UNSEEN)))
+        parts += _line(line_of(call, partner, now_ns, behind_ms.get(partner.identity, 0.0)))
         lines.append(", ".join(parts))
     return lines
 
 
-def line_of(call: Call, partner: Partner, now_ns: int, seen: Seen) -> dict[str, float | None]:
+def line_of(call: Call, partner: Partner, now_ns: int, behind_ms: float) -> dict[str, float | None]:
     """How a partner's line is: delays in ms, shares of what was due, kb/s."""
-    voice, counts = partner.voice.counts, partner.counts
+    voice, face, counts = partner.voice.counts, partner.face, partner.counts
     due, delay = voice.played + voice.concealed, delay_ms(call, partner, now_ns)
     figures = {
         "mouth_to_ear_ms": delay,
-        "mouth_to_eye_ms": None if delay is None else delay + seen.behind_ms,
+        "mouth_to_eye_ms": None if delay is None else delay + behind_ms,
         "loss": counts.loss,
         "concealed_share": voice.concealed / due if due else 0.0,
-        "held_share": seen.held / seen.due if seen.due else 0.0,
+        "held_share": face.held / face.due if face.due else 0.0,
         "kbps": counts.kbps(partner.came_ns),
     }
     return {name: None if v is None else round(v, 4) for name, v in figures.items()}
 
 
 def report_of(
-    call: Call, now_ns: int, seen: Mapping[str, Seen], cpu_share: float | None = None
+    call: Call, now_ns: int, behind_ms: Mapping[str, float], cpu_share: float | None = None
 ) -> dict[str, Mapping[str, object]]:
     """What each partner's line did, by identity; `cpu_share`: of a core, by this process."""
     everybody = (*call.left, *call.partners.values())
@@ -83,7 +80,7 @@ def report_of(
         report[partner.identity] = {
             "name": hello.name if hello else "",
             "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
-            **line_of(call, partner, now_ns, seen.get(partner.identity, UNSEEN)),
+            **line_of(call, partner, now_ns, behind_ms.get(partner.identity, 0.0)),
             "cpu_share": round(cpu_share / len(everybody), 4) if cpu_share is not None else None,
             "packets": partner.counts.packets,
             "refused": partner.counts.refused,

@@ -84,7 +84,7 @@ class Service:
         with self._lock:
             now_ns = self._clock.now_ns()
             cpu_share = (time.process_time() - cpu_s) * NS / max(now_ns - began_ns, 1)
-            report = report_of(call, now_ns, self._seats.seen(), cpu_share)
+            report = report_of(call, now_ns, self._seats.behind_ms(), cpu_share)
             call.say_bye()
         self._post(protocol.pack_json(protocol.REPORT, report))
         if speaker is not None:
@@ -165,7 +165,7 @@ class Service:
             with self._lock:
                 call.step()
                 self._seat_partners(call)
-                lines = status_lines(call, self._clock.now_ns(), self._seats.seen())
+                lines = status_lines(call, self._clock.now_ns(), self._seats.behind_ms())
                 files = dict(call.files)
             if self._shelf is not None:
                 await asyncio.to_thread(self._shelf.keep, files)

@@ -4,7 +4,7 @@ Between two ticks the pose is between them. A tick that is late holds the last o
 the face eases to rest; a partner of whom nothing comes at all fades out, and back in.
 """
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,17 +30,21 @@ AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
 
 @dataclass
 class FaceCounts:
-    due: int = 0  # ticks
-    held: int = 0  # of those: not there when they were to be shown
-
-
-@dataclass(frozen=True)
-class Seen:
-    """Statistics of a face where it was drawn."""
+    """How a partner's ticks came, however often somebody draws them."""
 
     due: int = 0  # ticks
     held: int = 0  # of those: not there when they were to be shown
-    behind_ms: float = 0.0  # smoothed lag of the shown pose behind the sound
+    _counted: int | None = None  # index up to which these go
+
+    def count(self, newest: int, come: Container[int]) -> None:
+        """Ticks up to `newest` are to be shown by now, and those in `come` are there."""
+        if self._counted is None:
+            self._counted = newest if newest in come else None
+            return
+        for index in range(max(self._counted + 1, newest - KEPT + 1), newest + 1):
+            self.due += 1
+            self.held += index not in come
+        self._counted = max(newest, self._counted)
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,21 +68,20 @@ def end_of(index: int, offset: int) -> int:
     return (index + 1) * SAMPLES_PER_FRAME + offset + LOOK_AHEAD
 
 
+def due_by(media: float, offset: int) -> int:
+    """Index of the newest tick that is due at `media`."""
+    return int((media - end_of(-1, offset)) // SAMPLES_PER_FRAME) - 1
+
+
 class FaceTrack:
     """Push ticks as they come, ask for the pose whenever something is drawn."""
 
     def __init__(self) -> None:
-        self.counts = FaceCounts()
+        self.behind_ms = 0.0  # smoothed lag of the shown pose behind the sound
         self._ticks: dict[int, tuple[int, Tick]] = {}  # index -> media where it is due
-        self._counted: int | None = None  # index up to which `counts` goes
-        self._behind_ms = 0.0
         self._rest = 0.0  # 0: as the ticks say .. 1: at rest
         self._presence = 0.0
         self._pushed_ns = self._asked_ns = 0
-
-    @property
-    def seen(self) -> Seen:
-        return Seen(self.counts.due, self.counts.held, self._behind_ms)
 
     def push(self, tick: Tick, end: int, now_ns: int) -> bool:
         """False: known already, or too old or too new to be true."""
@@ -88,7 +91,6 @@ class FaceTrack:
             return False
         if is_back:
             self._ticks.clear()
-            self._counted = None
         elif tick.index <= newest - KEPT:
             return False
         self._pushed_ns = now_ns
@@ -100,7 +102,6 @@ class FaceTrack:
     def pose(self, media: float, now_ns: int) -> Shown | None:
         """The pose at `media`; None before the first tick is due."""
         step_ns, self._asked_ns = now_ns - (self._asked_ns or now_ns), now_ns
-        self._count(media)
         gone = now_ns - self._pushed_ns > GONE_NS
         self._presence = _towards(self._presence, not gone, step_ns / FADE_NS)
         before = max((i for i, (end, _) in self._ticks.items() if end <= media), default=None)
@@ -113,23 +114,10 @@ class FaceTrack:
             next_end, following = self._ticks[after]
             tick = between(tick, following, (media - end) / max(next_end - end, 1))
             late_ns = 0
-        self._behind_ms += LATELY * (late_ns / 1e6 - self._behind_ms)
+        self.behind_ms += LATELY * (late_ns / 1e6 - self.behind_ms)
         held = late_ns > HOLD_NS + NS / 30
         self._rest = _towards(self._rest, held, step_ns / (EASE_NS if held else RETURN_NS))
         return Shown(at_rest(tick, _smooth(self._rest)), self._presence)
-
-    def _count(self, media: float) -> None:
-        due = [i for i, (end, _) in self._ticks.items() if end <= media]
-        if not due:
-            return
-        newest, (end, _) = max(due), self._ticks[max(due)]
-        passed = newest + int((media - end) // SAMPLES_PER_FRAME)  # due by now, come or not
-        if self._counted is None:
-            self._counted = newest
-        for index in range(self._counted + 1, min(passed, self._counted + KEPT) + 1):
-            self.counts.due += 1
-            self.counts.held += index not in self._ticks
-        self._counted = max(passed, self._counted)
 
 
 def between(a: Tick, b: Tick, share: float) -> Tick:

@@ -5,12 +5,12 @@
 Nobody waits: the writer overwrites the oldest tick, a reader takes what it finds whole.
 """
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from app.call.media.face import FaceTrack, Seen
+from app.call.media.face import FaceTrack
 from app.call.wire.agreement import MAX_PEOPLE
 from app.call.wire.packet import Tick
 from app.process import memory
@@ -42,7 +42,7 @@ SEAT = np.dtype(
         ("posted", "<i8"),
         ("anchor", "<f8", (2,)),  # media, and media samples a sample of ours ...
         ("anchor_ns", "<i8"),  # ... at this moment of our clock
-        ("seen", "<f8", (3,)),  # told by a reader: see Seen
+        ("behind_ms", "<f8"),  # told by a reader: see FaceTrack
         ("ticks", TICK, (SLOTS,)),
     ],
     align=True,
@@ -87,7 +87,7 @@ class Seats:
                 return
             seat = free[0]
             seat["posted"], seat["anchor_ns"], seat["ticks"]["number"] = 0, 0, 0
-            seat["seen"] = 0
+            seat["behind_ms"] = 0
         seat["name"], seat["avatar"] = name.encode(), avatar.encode()
         seat["file"] = file.encode()
         seat["identity"] = identity.encode()
@@ -118,13 +118,10 @@ class Seats:
             seat["anchor"] = anchor[1:]
             seat["anchor_ns"] = anchor[0]
 
-    def seen(self) -> dict[str, Seen]:
-        """Statistics of each face, from the reader that drew last."""
+    def behind_ms(self) -> dict[str, float]:
+        """Each face's lag behind its sound where it was drawn last."""
         rows = [row for row in self.rows if row["identity"]]
-        return {
-            row["identity"].decode(): Seen(int(row["seen"][0]), int(row["seen"][1]), row["seen"][2])
-            for row in rows
-        }
+        return {row["identity"].decode(): float(row["behind_ms"]) for row in rows}
 
     def close(self) -> None:
         self._block.close()
@@ -168,7 +165,7 @@ class SeatReader:
             self._push(identity, row, face)
             media += (now_ns - anchor_ns) / NS * SAMPLE_RATE * rate
             shown = face.pose(media, now_ns)
-            row["seen"] = astuple(face.seen)
+            row["behind_ms"] = face.behind_ms
             if shown is not None:
                 name, avatar, file = (
                     row[k].decode(errors="ignore") for k in ("name", "avatar", "file")

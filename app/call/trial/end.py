@@ -22,7 +22,7 @@ import numpy as np
 from app.call.core.call import Call, Sight, new_identity
 from app.call.core.status import report_of
 from app.call.media.connection import bind_only
-from app.call.media.face import FaceTrack
+from app.call.media.face import FaceCounts, FaceTrack
 from app.call.media.voice import PULL
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.listen import host_direct
@@ -81,7 +81,7 @@ class Recorder:
 
     def __init__(self, settings: EndSettings, material: Material) -> None:
         self._settings, self._material = settings, material
-        self._face = FaceTrack()
+        self._face, self._face_counts = FaceTrack(), FaceCounts()
         self._heard: list[np.ndarray] = []
         self._seen: list[tuple[int, np.ndarray, float]] = []  # our clock, code, media of the sound
         self._ticks: dict[int, np.ndarray] = {}
@@ -121,6 +121,8 @@ class Recorder:
         self._sent_bytes = call.sent_bytes - self._sent_bytes
         for partner in report_of(call, time.monotonic_ns(), {}).values():
             self._partner = partner
+        for partner in call.partners.values():
+            self._face_counts = partner.face
 
     def _sound_card(self, call: Call, beats: Beats, now: int, late_ns: int) -> None:
         """The next 10 ms, from sample `now` on."""
@@ -167,7 +169,7 @@ class Recorder:
         """Start of the measurement; everything before is warm-up."""
         for partner in call.partners.values():
             partner.voice.counts = type(partner.voice.counts)()
-        self._face.counts = type(self._face.counts)()
+            partner.face = type(partner.face)()
         self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
         self._trial_s, self._sent_bytes = beats.trial_s, call.sent_bytes
 
@@ -180,8 +182,8 @@ class Recorder:
     def save(self) -> None:
         report: dict[str, Any] = {
             "partner": self._partner,
-            "due": self._face.counts.due,
-            "held": self._face.counts.held,
+            "due": self._face_counts.due,
+            "held": self._face_counts.held,
             "cpu_share": (self._cpu_s - self._trial_s) / self._wall_s,
             "trial_cpu_share": self._trial_s / self._wall_s,
             "sealed_kbps": self._sent_bytes * 8 / self._wall_s / 1e3,

@@ -1,15 +1,35 @@
 """What report and screen say of a partner's line."""
 
-import numpy as np
+from collections.abc import Container
 
-from app.call.core.partner import PartnerCounts
+import numpy as np
+import pytest
+
+from app.call.core.partner import Partner, PartnerCounts
 from app.call.media.face import FaceTrack, end_of
 from app.call.table.seats import SeatReader, Seats
-from app.call.wire.packet import Tick
+from app.call.trial.material import synthetic_material
+from app.call.wire.packet import Packer, Tick
+from app.call.wire.seal import Keyring
 from render.types import AHEAD
 from sensors.types import NS
 
-TICK_NS = NS // 30
+PULL, STEP_NS = 480, NS // 100
+ANN, BEN = "aa" * 16, "bb" * 16
+
+
+class Silence:
+    """Stands in for Opus."""
+
+    def decode(self, payload: bytes) -> np.ndarray:
+        return np.zeros(PULL, np.float32)
+
+    recover = decode
+
+    def conceal(self) -> np.ndarray:
+        return np.zeros(PULL, np.float32)
+
+    def close(self) -> None: ...
 
 
 def test_loss_is_what_never_came_in_any_order() -> None:
@@ -21,22 +41,57 @@ def test_loss_is_what_never_came_in_any_order() -> None:
     assert counts.kbps(2 * NS) == 8 * 10 * 150 / 1e3
 
 
-def test_who_draws_a_face_tells_how_it_came() -> None:
-    seats = Seats()
-    reader = SeatReader(Seats(seats.handle))
-    seats.take("ann", "Ann", "ada")
-    for i in (0, 1, 2, 6, 7, 8):  # three ticks never come
-        seats.post("ann", Tick(i, np.zeros(256, np.float32), AHEAD), end_of(i, 0), NS)
-    for i in range(8):
-        seats.hear("ann", (NS + i * TICK_NS, float(end_of(i, 0)), 1.0), 0.0)
-        reader.sitters(NS + i * TICK_NS)
-    seen = seats.seen()["ann"]
-    assert (seen.due, seen.held) == (7, 3) and seen.behind_ms >= 0
+def heard(drawn_hz: int, never: Container[int] = (), late: Container[int] = ()) -> Partner:
+    """Ann as Ben's end had her in ten seconds: ticks that `never` came, or half a second late;
+    somebody draws her so often."""
+    packer, keys, seats = Packer(synthetic_material(2, 0).basis), Keyring(bytes(16), ANN), Seats()
+    ann = Partner(ANN, Keyring(bytes(16), BEN), packer, Silence())
+    seats.take(ANN, "Ann", "ada")
+    reader, codes = SeatReader(seats), dict[int, bytes]()
+    for i in range(180):
+        fields = packer.fields(Tick(i, np.zeros(256, np.float32), AHEAD))
+        if i not in never:
+            codes[(i + 1) * 10 // 3 + 1 + 50 * (i in late)] = packer.message([fields], i, 0)
+    for step in range(600):
+        now_ns = NS + step * STEP_NS
+
+        def show(tick: Tick, due: int, now_ns: int = now_ns) -> None:
+            seats.post(ANN, tick, due, now_ns)
+
+        ann.packet("voice", keys.seal("voice", b"x", step), now_ns, show)
+        if step in codes:
+            ann.packet("codes", keys.seal("codes", codes[step]), now_ns, show)
+        ann.pull(PULL, now_ns, now_ns)
+        if ann.timeline.started:
+            seats.hear(ANN, ann.timeline.anchor, 0.0)
+            if drawn_hz and step % (100 // drawn_hz) == 0:
+                reader.sitters(now_ns)
+    return ann
+
+
+@pytest.mark.parametrize("drawn_hz", [0, 1, 50])
+def test_a_tick_that_nobody_drew_is_not_held(drawn_hz: int) -> None:
+    """Red before: a window that drew once a second called half of the ticks held."""
+    face = heard(drawn_hz).face
+    assert face.held == 0 and face.due > 150
+
+
+@pytest.mark.parametrize("drawn_hz", [0, 1, 50])
+def test_a_tick_that_comes_too_late_or_never_is_held(drawn_hz: int) -> None:
+    assert heard(drawn_hz, never=(100, 101, 150)).face.held == 3
+    assert heard(drawn_hz, late=(100, 101)).face.held == 2
 
 
 def test_a_late_face_is_behind_its_sound() -> None:
-    face = FaceTrack()
+    face, seats = FaceTrack(), Seats()
     face.push(Tick(0, np.zeros(256, np.float32), AHEAD), end_of(0, 0), NS)
     for k in range(200):
         face.pose(float(end_of(0, 0) + 4800), NS + k)
-    assert abs(face.seen.behind_ms - 100) < 1
+    assert abs(face.behind_ms - 100) < 1
+    seats.take("ann", "Ann", "ada")
+    seats.post("ann", Tick(0, np.zeros(256, np.float32), AHEAD), end_of(0, 0), NS)
+    seats.hear("ann", (NS, float(end_of(0, 0) + 4800), 1.0), 0.0)
+    reader = SeatReader(Seats(seats.handle))
+    for k in range(200):
+        reader.sitters(NS + k)
+    assert abs(seats.behind_ms()["ann"] - 100) < 1
