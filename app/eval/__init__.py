@@ -1,1 +1,1 @@
-"""`livedrive eval`: what was trained, judged on what it never saw."""
+"""`livedrive eval`: trained models, evaluated on held-out data."""

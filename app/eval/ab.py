@@ -1,7 +1,8 @@
 """`livedrive eval ab A B`: the paper's perceptual study as one HTML file.
 
-A and B are folders of videos with the same names. Each pair comes in random order, once; the page
-keeps the votes in the browser and saves them as a JSON file. `--count votes.json ...` sums them up.
+A and B are folders of videos with the same names. Each pair is shown once, in random order and with
+random sides; the page keeps the votes in the browser and saves them as a JSON file, which
+`--count votes.json ...` adds up.
 """
 
 import base64
@@ -17,7 +18,10 @@ VIDEOS = {".mp4": "video/mp4", ".webm": "video/webm", ".png": "image/png"}
 
 
 def make_page(a: Path, b: Path, out: Path, seed: int) -> None:
-    """Write a page that shows pairs of videos or pictures and asks which is better."""
+    """Write one HTML file that shows pairs of videos or pictures and asks which is better.
+
+    Raises InputError where no names match.
+    """
     pairs = find_pairs(a, b)
     flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
     order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
@@ -28,20 +32,20 @@ def make_page(a: Path, b: Path, out: Path, seed: int) -> None:
 
 
 def find_pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
-    """Videos of both folders with the same name."""
+    """Videos or pictures of the same name in both folders, sorted by name."""
     names = [{p.name for p in folder.glob("*") if p.suffix in VIDEOS} for folder in (a, b)]
     both = sorted(names[0] & names[1])
     if not both:
         raise InputError(
-            f"eval ab: expected videos ({', '.join(VIDEOS)}) of the same names in {a} and {b}, got "
-            f"{len(names[0])} and {len(names[1])} without a pair; make them with livedrive replay "
-            "--video"
+            f"eval ab: expected files ({', '.join(VIDEOS)}) with the same names in {a} and {b}, "
+            f"got {len(names[0])} and {len(names[1])} with no name in common; make them with "
+            "livedrive replay --video"
         )
     return [(a / name, b / name) for name in both]
 
 
 def _trial(pair: tuple[Path, Path], flipped: bool) -> dict[str, str]:
-    """Names and videos (inside the page) of the left and the right; the viewer sees no name."""
+    """One trial: file name, which of A and B is on each side, and both videos as data URLs."""
     shown = [("A", pair[0]), ("B", pair[1])]
     (left, left_path), (right, right_path) = reversed(shown) if flipped else shown
     return {
@@ -58,14 +62,17 @@ def _inline(path: Path) -> str:
 
 
 def tally(files: tuple[Path, ...]) -> list[str]:
-    """Votes of all files: how often A and B were chosen, with the 95 % interval of A's share."""
+    """Lines to print: votes for A and for B in all files, A's share with its 95 % interval.
+
+    Raises InputError where a file holds no votes.
+    """
     votes: list[str] = []
     for path in files:
         try:
             votes += [str(row["choice"]) for row in json.loads(path.read_text())["votes"]]
         except (ValueError, KeyError, TypeError) as error:
             raise InputError(
-                f"{path}: expected votes that the page saved, got {type(error).__name__}; "
+                f"{path}: expected votes saved by the page, got {type(error).__name__}; "
                 "save them again"
             ) from error
     first, second = votes.count("A"), votes.count("B")

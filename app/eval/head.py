@@ -1,10 +1,10 @@
-"""`livedrive eval head`: is the head alive? Its motion, brows, blinks and breath over a session,
-beside what has been published of people who talk.
+"""`livedrive eval head`: motion of the head, brows, blinks and breath over a session, compared with
+published figures for people who talk.
 
-Published: heads deviate by 1.5 to 4 degrees and move nine tenths of the time in speech (Hadar et
-al. 1983; Busso et al. 2007); nods at accents (Graf et al. 2002); brow flashes 10 to 20 a minute;
-26 blinks a minute talking (Bentivoglio et al. 1997); 12 to 18 breaths a minute. The targets are
-ranges for one session, not a test of realism.
+Published: while talking, the head's angles have a standard deviation of 1.5 to 4 degrees, and it
+moves nine tenths of the time (Hadar et al. 1983; Busso et al. 2007); nods at accents (Graf et al.
+2002); 10 to 20 brow flashes a minute; 26 blinks a minute (Bentivoglio et al. 1997); 12 to 18
+breaths a minute. The targets are ranges for one session, not a test of realism.
 """
 
 from dataclasses import dataclass
@@ -21,14 +21,14 @@ from sensors import files
 from sensors.types import FPS
 
 PLOT_S = 10.0
-FLASH, BLINK = 0.25, 0.5  # activation that counts
-MOVING_DEG = 2.0  # a second: slower is holding still
+FLASH, BLINK = 0.25, 0.5  # ARKit weight from which a rise counts
+MOVING_DEG = 2.0  # degrees a second; slower counts as still
 NOD_DEG, NOD_BACK_S = 1.2, 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class HeadSettings(EvalSettings):
-    """Measure how lively the head is: motion, brows, blinks and breath over a session."""
+    """Measure motion of the head, brows, blinks and breath over a session."""
 
     session: Path = Path("recordings/demo")
     """Folder of the session."""
@@ -57,7 +57,7 @@ def evaluate(settings: HeadSettings) -> None:
 
 
 def driven(settings: HeadSettings) -> dict[str, NDArray[np.float64]]:
-    """Angles [T, 3] deg, brows, blinks and breath [T] of the session, driven as `replay` does."""
+    """Angles [T, 3] deg, brows, blinks and breath [T] (0..1), driven as `livedrive replay` does."""
     from tempfile import TemporaryDirectory
 
     from app.compose.replay import replay
@@ -85,7 +85,7 @@ def driven(settings: HeadSettings) -> dict[str, NDArray[np.float64]]:
 
 
 def measure(frames: dict[str, NDArray[np.float64]]) -> dict[str, float]:
-    """Metrics by name, the unit in it."""
+    """Metrics by name; names carry their units."""
     angles, minutes = frames["angles"], len(frames["breath"]) / FPS / 60
     speeds = np.linalg.norm(np.diff(angles, axis=0), axis=1) * FPS
     deviations = angles.std(0)
@@ -110,12 +110,12 @@ AXES = ("pitch", "yaw", "roll")
 
 
 def rises(values: NDArray[np.float64], over: float) -> int:
-    """How often a curve rises over a level."""
+    """How often a curve [T] crosses a level upwards."""
     return int(((values[1:] > over) & (values[:-1] <= over)).sum())
 
 
 def nods(pitch: NDArray[np.float64]) -> int:  # [T] deg, down
-    """Peaks that stand NOD_DEG over what is NOD_BACK_S before and after them."""
+    """Number of peaks that rise NOD_DEG above the lowest angle within NOD_BACK_S on either side."""
     back = int(NOD_BACK_S * FPS)
     count, last = 0, -back
     for k in range(back, len(pitch) - back):
@@ -127,7 +127,7 @@ def nods(pitch: NDArray[np.float64]) -> int:  # [T] deg, down
 
 
 def draw(frames: dict[str, NDArray[np.float64]], path: Path) -> None:
-    """A picture of the first ten seconds."""
+    """Plot the first PLOT_S seconds."""
     from matplotlib.figure import Figure
 
     figure: Any = Figure(figsize=(10, 6))

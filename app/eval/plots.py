@@ -1,7 +1,7 @@
-"""Pictures of an evaluation: loss curves of every card, and the lips' error over a constant shift.
+"""Plots of an evaluation: loss curves of every card, and the lips' error over a constant shift.
 
-A model that needs sound of the future errs least when its motion is compared with earlier truth:
-the minimum of the second picture is its delay.
+A model that would need future sound has its smallest error where its motion is compared with
+earlier truth: the minimum of the second plot is the model's delay.
 """
 
 import json
@@ -18,7 +18,7 @@ COLUMNS = 4  # of loss curves
 
 
 def shift_errors(guess: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> list[float]:
-    """Mean |error| of lip openings [T] for each shift of SHIFTS (> 0: the guess comes late)."""
+    """Mean absolute error of lip openings [T], mm, for each of SHIFTS (> 0: the guess is late)."""
     result: list[float] = []
     for shift in SHIFTS:
         pairs = [
@@ -30,7 +30,7 @@ def shift_errors(guess: Sequence[np.ndarray], truth: Sequence[np.ndarray]) -> li
 
 
 def curves_of(cards: Sequence[Path]) -> dict[str, dict[str, list[float]]]:
-    """Loss curves of the cards that have one, by file name."""
+    """Loss curves of those cards that hold one: "folder/name" -> column -> values."""
     found: dict[str, dict[str, list[float]]] = {}
     for path in cards:
         card: dict[str, Any] = json.loads(path.read_text()) if path.is_file() else {}
@@ -42,7 +42,7 @@ def curves_of(cards: Sequence[Path]) -> dict[str, dict[str, list[float]]]:
 def save(
     folder: Path, shifts: Mapping[str, list[float]], curves: Mapping[str, dict[str, list[float]]]
 ) -> list[Path]:
-    """Write shift.png and losses.png."""
+    """Write shift.png and, where there are curves, losses.png; returns their paths."""
     import matplotlib
 
     matplotlib.use("agg")
@@ -56,7 +56,7 @@ def save(
         style = {"color": "lightgray", "zorder": 1} if name.startswith("language") else {}
         axes.plot([1000 / 30 * s for s in SHIFTS], errors, marker=".", label=name, **style)
     axes.axvline(0, color="gray", linewidth=0.5)
-    axes.set(xlabel="motion compared so much later (ms)", ylabel="error of lip opening (mm)")
+    axes.set(xlabel="shift of the predicted motion (ms)", ylabel="error of lip opening (mm)")
     figure.legend(loc="outside right upper", fontsize="small")
     paths = [folder / "shift.png"]
     figure.savefig(files.create(paths[0]), dpi=120)

@@ -1,7 +1,7 @@
 """`livedrive eval prior`: the universal avatar against the reference renderer.
 
-Truth is rule-made: virtual people and expressions that training never saw, drawn by our own mesh
-renderer. Every bar of the issue is one line of the table.
+Truth is rule-made: virtual people and expressions that training never saw, drawn by the mesh
+renderer of this project.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from sensors import files
 
 @dataclass(frozen=True, kw_only=True)
 class PriorSettings:
-    """Judge decoder and identity encoder on held-out people, expressions and views."""
+    """Evaluate decoder and identity encoder on held-out people, expressions and views."""
 
     face: Path = Path("face")
     """Folder of the face data."""
     take: File = None
-    """A Live Link Face table: adds real expressions and a round trip of its weights."""
+    """A Live Link Face CSV: adds real expressions and a round trip of its weights."""
     people: int = 8
     """Held-out people."""
     expressions: int = 3

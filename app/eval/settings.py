@@ -1,4 +1,4 @@
-"""What the evaluations of driven heads have in common."""
+"""Options shared by all evaluations of a driven head."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from app.terminal.arguments import File
 @dataclass(frozen=True, kw_only=True)
 class EvalSettings:
     avatar: str = "ben"
-    """Avatar to measure on."""
+    """Avatar on which to measure."""
     seed: int = 0
     """Seed of whatever is drawn at random."""
     report: File = None

@@ -1,10 +1,10 @@
 """The direct path from the sound to the mouth, beside the student's blocks (not in the paper).
 
-From phones' log-odds over a third of a second: what the mouth does, and whether a voice is heard at
-all. What the blocks say of the mouth is mixed with it, share by share, and without a voice the lips
-rest: phones carry over to voices that nobody learned from, and tell them from rubbing and wind. It
-sees no noise and no gaze, and remembers nothing, so that it is causal as it stands; untrained it
-changes nothing where a voice is heard.
+Reads the log-odds of phones over the last third of a second. It predicts the mouth, which is mixed
+with the prediction of the blocks, and the probability that a voice is heard, without which the lips
+rest. Phones carry over to talkers that the training never heard, and tell a voice from rubbing and
+wind. The path sees neither noise nor gaze and holds no state, so that it is causal by construction;
+untrained it adds nothing to the blocks.
 """
 
 import torch
@@ -15,9 +15,12 @@ from encoder.denoiser.config import MOUTH, VOICE
 
 
 class Direct(nn.Module):
-    """x0 [B, T, 256] standardised, heard [B, T, D] log-odds -> x0, and how sure it is of a voice
-    [B, T, 1], 0..1. Buffers are what of a code is
-    the mouth (`MOUTH` numbers, all 0 at rest), and what is shown of it."""
+    """x0 [B, T, 256] standardised, heard [B, T, D] log-odds -> x0 [B, T, 256], and the probability
+    of a voice [B, T, 1].
+
+    Buffers: `read` and `rest` take the mouth out of a code (`MOUTH` numbers, all 0 at rest),
+    `share` is how much of the blocks' mouth is kept, `write` puts a mouth into a code.
+    """
 
     read: Tensor
     rest: Tensor
@@ -41,14 +44,14 @@ class Direct(nn.Module):
             nn.init.zeros_(layer.bias)
 
     def said(self, seen: Tensor, drop: float = 0.0) -> Tensor:  # [B, T, MOUTH]
-        """What log-odds and their sigmoids [B, T, 2 D] say of the mouth. drop: share of hidden
-        units that are left out."""
+        """The mouth, from log-odds and their sigmoids [B, T, 2 D]. drop: dropout probability of
+        the hidden units."""
         hidden = functional.dropout(self.listen(seen).relu(), drop)
         hidden = functional.dropout(self.think(hidden).relu(), drop)
         return self.move(hidden) + self.straight(seen)
 
     def voiced(self, heard: Tensor) -> Tensor:  # [B, T, 1]
-        """Log-odds that a voice is heard."""
+        """Log-odds of a voice, from those of phones [B, T, D]."""
         return self.voice(self.hear(heard).relu())
 
     def forward(self, x0: Tensor, heard: Tensor) -> tuple[Tensor, Tensor]:

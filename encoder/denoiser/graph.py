@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def _embedded_tau(config: DenoiserConfig, weights: Weights) -> Array:
-    """What the tau network says at tau = N: [dim] float64."""
+    """Output of the tau network at tau = N: [dim] float64."""
     half = config.dim // 2
     angles = config.num_steps * np.exp(np.arange(half) * (-log(10_000.0) / half))
     x = np.concatenate([np.cos(angles), np.sin(angles)])
@@ -57,16 +57,17 @@ def _attention(
 
 
 def _direct(g: Graph, x0: str, heard: str, weights: Weights) -> tuple[str, str]:
-    """x0 [1, 256] after direct.py, which hears heard [1, D]; its voice [1, 1]."""
+    """direct.py: x0 [1, 256], log-odds heard [1, D] -> x0 [1, 256], probability of a voice
+    [1, 1]."""
 
     def layer(x: str, name: str) -> str:
         weight, bias = (weights[f"direct.{name}.{part}"] for part in ("weight", "bias"))
         return g.linear(x, weight.T, bias, exact=True)
 
-    # All that hears is one product of the log-odds and one of their sigmoids: what is large among
-    # the ones would leave few of the 8 bits to the others.
+    # One product for the log-odds and one for their sigmoids: quantised together, the large
+    # log-odds would leave few of the 8 bits to the sigmoids.
     names = ("listen", "straight", "hear")
-    hear, straight, listen = (weights[f"direct.{name}.weight"].T for name in names[::-1])
+    listen, straight, hear = (weights[f"direct.{name}.weight"].T for name in names)
     odds, sure = np.split(np.concatenate([listen, straight], 1), 2)
     bias = np.concatenate([weights[f"direct.{name}.bias"] for name in names])
     all_odds = g.linear(heard, np.concatenate([odds, hear], 1), bias)
@@ -86,7 +87,7 @@ def _direct(g: Graph, x0: str, heard: str, weights: Weights) -> tuple[str, str]:
 
 
 def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str:
-    """x0 [1, 256] with the head of contact.py behind it; audio [1, A], voice [1, 1]."""
+    """contact.py: x0 [1, 256], audio [1, A], voice [1, 1] -> x0 [1, 256]."""
     row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
     gap = g.linear(x0, row, rest, exact=True)
     near = g.op("Relu", g.op("Sub", g.const(np.array([KNOTS_MM])), gap))
@@ -102,11 +103,14 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str
 
 
 def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
-    """One frame at tau = N. keys, values [L, H, w, D] hold the past, rotated, in any order; bias
-    [1, 1, w + 1] is 0 for a valid slot and very negative for a stale one; emotion [1, width]
-    holds the shift and the scale of each place (zeros: nothing; zero_conv.py)."""
+    """One frame at tau = N.
+
+    keys, values [L, H, w, D]: the past, with rotary positions applied, in any order; bias
+    [1, 1, w + 1]: 0 for a valid slot, very negative for a stale one; emotion [1, width]: shift and
+    scale of each place where an emotion acts (zeros: neutral; zero_conv.py).
+    """
     g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
-    # in full precision: what is small among the inputs tells as much as what is large
+    # in full precision: the small inputs matter as much as the large ones
     code, heard, condition = config.input_dims
     sizes = g.const([code, heard, config.direct_dim, condition])
     noisy, audio, direct, eyes = g.op("Split", "inputs", sizes, outputs=4, axis=1)

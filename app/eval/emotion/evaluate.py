@@ -1,8 +1,9 @@
-"""`livedrive eval emotion DATA`: does the face show what was asked, do the lips still speak?
+"""`livedrive eval emotion DATA`: is the emotion recognised, and are the lips still in sync?
 
-Truth is made by rules. Which emotion a face shows is decided without a classifier: by the truth,
-among those of all ten emotions for the same words and eyes, that its vertices are nearest to.
-Lips are evaluated twice: by the lip sync of the paper's tables, and by what the words make of them.
+Truth is rule-made. Which emotion a face shows is decided without a classifier: for the same words
+and eyes there is a truth in each of the ten emotions, and the nearest one (by vertices) counts.
+Lips are evaluated twice: by the lip sync of the paper's tables, and by the part of their motion
+that comes from the words alone.
 """
 
 from collections.abc import Callable
@@ -15,8 +16,10 @@ Metrics = dict[str, float]
 
 
 def evaluate(data: Path, settings: EmotionSettings) -> None:
-    """Print tables and thresholds; exit with status 1 where one fails. `data`: folder that
-    `livedrive capture` made; the ablations are looked for in it."""
+    """Print tables and thresholds; exit with status 1 where one fails.
+
+    data: folder made by `livedrive capture`; models of the ablations are expected in it.
+    """
     from tqdm import tqdm
 
     from app.eval.emotion import live as emotion_live
@@ -48,7 +51,8 @@ def evaluate(data: Path, settings: EmotionSettings) -> None:
     finish({"metrics": metrics, "bars": thresholds, **facts}, settings.report)
 
 
-# of the paper's tables, in mm; and without the emotion's style (emotion_evaluation.lip_figures)
+# as in the paper's tables, mm; and without the emotion's style (lip_metrics in
+# encoder/evaluation/emotion.py)
 LIP_MEASURES = {"lip sync": "lip_sync_mm", "lip motion": "lip_motion_error"}
 COLUMNS = (
     ("face", "accuracy_face"), ("upper", "accuracy_upper"), ("lower", "accuracy_lower"),
@@ -89,7 +93,7 @@ def make_thresholds(metrics: Metrics, kinds: list[str]) -> list[dict[str, Any]]:
             for baseline, under in (
                 ("neutral's on emotional truth", f"{ours}/neutral_{name}"),
                 ("neutral's on its own truth", f"{ours}/neutral_own_{name}"),
-                # what can be asked of the neutral model's lips, see laid_over
+                # the best that the neutral model's lips can reach, see laid_over
                 ("neutral's in the rules' style", f"{kind}/{RULES}/{name}"),
             ):
                 ratio = metrics[f"{ours}/{name}"] / metrics[under]

@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 Metrics = dict[str, float]
 Floats = NDArray[np.float32]
 INTENSITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
-HOLD_FRAMES = 30  # of each emotion, where they are switched
-SWITCHED = 12  # takes in which they are
+HOLD_FRAMES = 30  # of each emotion before the next one
+SWITCHED = 12  # takes with changing emotions
 
 
 def live_metrics(evaluated: EmotionEvaluation) -> Metrics:
-    """Intensity and switching on the live path (as it ships: with int8)."""
+    """Intensity, switching and cost on the live path as it ships (int8)."""
     from encoder import inference
 
     driver = inference.load_driver(evaluated.weights, "cpu")
@@ -60,8 +60,9 @@ def _intensity_metrics(evaluated: EmotionEvaluation, driver: "Driver", sound: Fl
 def _switching_metrics(
     evaluated: EmotionEvaluation, driver: "Driver", sounds: list[Floats]
 ) -> Metrics:
-    """Largest moves while one emotion fades into another, and of the same speech without a
-    fade: neutral, and at the same frames in either emotion (excited lips open faster)."""
+    """Largest movement between frames while one emotion fades into another, compared with the same
+    speech without a fade: neutral, and at the same frames in either emotion (excited lips open
+    faster)."""
     from encoder.emotion.control import FADE_FRAMES
     from encoder.evaluation.emotion import largest_moves
 
@@ -101,14 +102,15 @@ def sound_of(take: "EmotionTruth") -> Floats:  # [T * 1600] at 48 kHz, 20 s at m
 
 
 def drive(driver: "Driver", sound: Floats, words: "str | list[str]", seed: int) -> Floats:
-    """Codes [T, 256] of sound [T * 1600] with these words at every frame, or at each."""
+    """Codes [T, 256] of sound [T * 1600] at 48 kHz; words: one emotion, or one for each frame."""
     from encoder.offline import drive_clip, sound_frames
 
     return drive_clip(driver, sound_frames(sound, words), seed).expression
 
 
 def emotion_cost_ms(driver: "Driver", sound: Floats, rounds: int = 4) -> float:
-    """CPU time that a fading mixture adds to a tick: the least of several rounds, in turn."""
+    """CPU time that a fading mixture of emotions adds to a tick, ms: the fastest of several rounds
+    with it minus the fastest without."""
     names = [f"{a}:0.5+{b}:0.5" for a, b in (("happy", "sad"), ("angry", "bored"))]
     mixed = [names[(k // 10) % 2] for k in range(len(sound) // 1600)]
     spent: dict[bool, list[float]] = {True: [], False: []}

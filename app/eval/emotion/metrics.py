@@ -1,4 +1,4 @@
-"""The metrics of `livedrive eval emotion`: models and test sets, what is shown, how the lips do."""
+"""The metrics of `livedrive eval emotion`: models, test sets, recognition and lips."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Metrics = dict[str, float]
 Floats = NDArray[np.float32]
-EVERY = {"upper": 20, "lower": 40}  # vertices looked at
+EVERY = {"upper": 20, "lower": 40}  # every n-th vertex of the region is compared
 
 
 class Model(NamedTuple):
@@ -30,7 +30,7 @@ class Model(NamedTuple):
 
 @dataclass(frozen=True)
 class Confusion:
-    """Confusion tables [labels, labels] of face, upper and lower face."""
+    """Region (face, upper, lower) -> confusion table [asked for, nearest truth], shares 0..1."""
 
     tables: dict[str, Floats]
 
@@ -41,7 +41,7 @@ class RowScore(NamedTuple):
 
 
 class EmotionEvaluation:
-    """All models of one evaluation on the same takes."""
+    """All models of one evaluation, compared on the same takes."""
 
     def __init__(self, data: Path, settings: EmotionSettings) -> None:
         import torch
@@ -99,7 +99,7 @@ class EmotionEvaluation:
         return {name: takes for name, takes in found.items() if takes}
 
     def metrics(self, takes: "list[EmotionTruth]") -> dict[str, RowScore]:
-        """Row by row: each take in its own emotion, or, where the voice is neutral, in all ten."""
+        """Row -> score: each take in its own emotion or, where the voice is neutral, in all ten."""
         from encoder.emotion.labels import LABELS
         from encoder.evaluation import emotion
         from encoder.training.streams.emotion import ACTED_STRENGTH, SWELL
@@ -116,7 +116,7 @@ class EmotionEvaluation:
         phones = [segment.phones for segment in segments]
         order: dict[int, int] = {}
         numbers = [order.setdefault(id(segment.clip), len(order)) for segment in segments]
-        # the neutral model on the same truth, and on the one that it was trained to show
+        # the neutral model against the emotional truth, and against the neutral truth
         base = {
             prefix: emotion.lip_metrics(calm, truth, phones, self.mesh)
             for prefix, truth in (("neutral", own), ("neutral_own", truths[:, 0]))

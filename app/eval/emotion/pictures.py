@@ -10,7 +10,7 @@ from sensors import files
 if TYPE_CHECKING:
     from app.eval.emotion.metrics import Confusion, EmotionEvaluation
 
-COLUMNS = 5  # frames of the sheet
+COLUMNS = 5  # frames in each row of the sheet
 PX = 224
 
 
@@ -31,7 +31,8 @@ def save(folder: Path, evaluated: "EmotionEvaluation", seen: "dict[str, Confusio
 
 
 def _portraits(evaluated: "EmotionEvaluation") -> tuple[list[str], list[list[np.ndarray]]]:
-    """neutral and each label: pictures of the same frames of one sentence, in a neutral voice."""
+    """Names (neutral, then each label) and their pictures [PX, PX, 3] uint8: the same frames of one
+    sentence spoken in a neutral voice."""
     from app.eval.emotion.live import drive, sound_of
     from encoder.inference import load_driver
     from render import cameras
@@ -46,7 +47,7 @@ def _portraits(evaluated: "EmotionEvaluation") -> tuple[list[str], list[list[np.
     codes = [drive(driver, sound, name, evaluated.settings.seed) for name in names]
     seeing = 30 + np.flatnonzero(
         evaluated.mesh.blink(codes[0])[30:] < 0.2
-    )  # a blink hides the eyes
+    )  # a blink would hide the eyes
     frames = seeing[np.linspace(0, len(seeing) - 1, COLUMNS).astype(int)]
     renderer, camera = create_renderer(), cameras.portrait(PX, PX, distance_mm=330)
     rows: list[list[np.ndarray]] = []

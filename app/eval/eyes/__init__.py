@@ -1,1 +1,1 @@
-"""`livedrive eval eyes`."""
+"""`livedrive eval eyes`: eye encoder and gaze walk on rendered clips and real videos."""

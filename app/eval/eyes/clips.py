@@ -1,6 +1,6 @@
-"""Rendered clips for judging: a voice, rule-made motion and the eye pictures that match it.
+"""Rendered clips for the evaluation: a voice, rule-made motion and matching eye pictures.
 
-Flow: sentence -> speech -> motion -> NearEye of a wearer nobody trained on -> EyeClip.
+Flow: sentence -> speech -> motion -> NearEye of a wearer that training never saw -> EyeClip.
 """
 
 from dataclasses import dataclass
@@ -23,22 +23,22 @@ TEXTS = (
     "Five brave women are very often above the valley.",
     "Bob and Pam may remember the people on the boat.",
 )
-TAKE_FRAMES = 14  # drawn of each target of the calibration routine, after the eyes have settled
+TAKE_FRAMES = 14  # drawn for each target of the calibration routine, once the eyes have settled
 
 
 @dataclass(frozen=True, eq=False)
 class EyeClip:
-    """What is heard and seen, and the truth of it."""
+    """Sound and eye pictures of a clip of T frames, and their rule-made truth."""
 
-    audio: NDArray[np.float32]  # [T, 1600]
+    audio: NDArray[np.float32]  # [T, 1600] -1..1, 48 kHz
     eyes: NDArray[np.uint8]  # [T, 2, 400, 400]
     rig: NDArray[np.float32]  # [T, 53]
-    gaze: NDArray[np.float32]  # [T, 2, 3]
+    gaze: NDArray[np.float32]  # [T, 2, 3] unit
     lids: NDArray[np.float32]  # [T, 2] opening as drawn
     routine: tuple[tuple["RoutineStep", NDArray[np.uint8]], ...]  # calibration: pictures [n, 2, ..]
 
     def frames(self, silent: bool = False) -> list[SensorFrame]:
-        """The clip as the Driver takes it."""
+        """The clip as sensor frames, on request without its sound."""
         return [
             SensorFrame(
                 index=t,
@@ -54,7 +54,7 @@ class EyeClip:
 
 
 def make_clip(camera: "NearEye", number: int, seconds: float) -> EyeClip:
-    """EyeClip `number`: its own wearer, headset, sentence and motion."""
+    """Render clip `number`; the number determines wearer, headset, sentence and motion."""
     from app.face.geometry import lips
     from encoder.capture.motion.rules import speech_curves
     from encoder.capture.motion.style import Style
@@ -85,7 +85,8 @@ def make_clip(camera: "NearEye", number: int, seconds: float) -> EyeClip:
 def _routine(
     camera: "NearEye", wearer: "Wearer", rng: np.random.Generator
 ) -> tuple[tuple["RoutineStep", NDArray[np.uint8]], ...]:
-    """The wearer looks at the targets, to half a degree, and closes the eyes."""
+    """The calibration routine: the wearer looks at each target, within half a degree, and closes
+    the eyes."""
     from encoder.capture.motion.channels import RIG_INDEX
     from encoder.capture.motion.upper_face import looking
     from encoder.eyes.routine import ROUTINE

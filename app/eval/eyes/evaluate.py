@@ -1,7 +1,7 @@
-"""`livedrive eval eyes`: eye encoder, gaze walk and the head they drive, on eyes never seen.
+"""`livedrive eval eyes`: eye encoder, gaze walk and the head they drive, on held-out eyes.
 
-Clips are rendered here: other wearers and headsets than those of training, with rule-made motion
-and a voice. Real videos, where a folder is given, are driven through the whole Driver.
+Clips are rendered here, with wearers and headsets that training never saw, rule-made motion and a
+voice. Real videos, where a folder is given, go through the whole Driver.
 """
 
 from collections.abc import Sequence
@@ -27,12 +27,12 @@ class EyesSettings(EvalSettings):
     """Evaluate gaze, lids, blinks, lost cameras and the upper face."""
 
     clips: int = 24
-    """Rendered clips, each of another wearer (with few of them one odd eye moves the medians);
+    """Rendered clips, each with its own wearer (with few clips one odd eye moves the medians);
     0: real videos only."""
     seconds: float = 3.0
     """Length of a rendered clip."""
     real: File = None
-    """Folder of real near-eye videos, with a labels.json or file names that shipped labels know."""
+    """Folder of real near-eye videos with a labels.json or the file names of the shipped one."""
     sheet: File = None
     """Folder for sheets of eye pictures with predicted gaze and lid."""
     weights: File = None
@@ -132,7 +132,8 @@ def rendered(count: int, seconds: float) -> "list[EyeClip]":
 
 
 def walk_metrics(seed: int) -> "Metrics":
-    """The walk's statistics against its source's, and its steps' time and smoothness."""
+    """Statistics of the gaze walk relative to those of its source; time and smoothness of its
+    steps."""
     import time
 
     from encoder.eyes.gaze_graph import STRIDE, GazeGraph
@@ -158,7 +159,7 @@ def walk_metrics(seed: int) -> "Metrics":
 
 
 def cpu_ms(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> float:
-    """CPU time of a pair, back to back."""
+    """Mean CPU time of a pair of pictures, ms, one after another without a pause."""
     import time
 
     from encoder.eyes.encoder import new_encoder_state
@@ -172,7 +173,7 @@ def cpu_ms(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> float:
 
 
 def make_thresholds(metrics: "Metrics") -> list[dict[str, Any]]:
-    """Every metric that the work was to reach; real videos only where they were given."""
+    """Thresholds of all metrics that were measured; those of real videos only where given."""
     from app.terminal.thresholds import at_least, at_most
 
     highest = {

@@ -1,8 +1,8 @@
-"""Which frames of real eye videos hold blinks or no eye at all: a small JSON file of frame lists.
+"""Labels of real eye videos: which frames hold a blink, or no eye at all.
 
-`labels.json` beside the videos, or the shipped `real_clips.json` for the clips that it names. A
-clip has a `name`, `left` and `right` (files; one may be missing), and lists of [first, last]
-frames: `blinks` (below half the usual opening), `partial` (a lid that turns round on its way, which
+Read from `labels.json` beside the videos, or from the shipped `real_clips.json` for the clips that
+it names. A clip has a `name`, `left` and `right` (files; one may be missing), and lists of [first,
+last] frames: `blinks` (below half the usual opening), `partial` (the lid turns back before that;
 counts neither as found nor as false) and `no_eye`.
 """
 
@@ -25,7 +25,7 @@ Spans = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, kw_only=True)
 class Label:
-    """One clip; frames are counted from 0, spans hold their first and last frame."""
+    """Labels of one clip; frames count from 0, spans include their first and last frame."""
 
     name: str
     videos: tuple[Path | None, Path | None]  # left, right
@@ -35,7 +35,7 @@ class Label:
 
 
 def inside(spans: Spans, frames: int, margin: int = 0) -> NDArray[np.bool_]:
-    """Spans -> [frames], `margin` frames wider at both ends."""
+    """Whether each frame lies in a span [frames], spans `margin` frames wider at both ends."""
     result = np.zeros(frames, np.bool_)
     for first, last in spans:
         result[max(first - margin, 0) : last + 1 + margin] = True
@@ -43,7 +43,10 @@ def inside(spans: Spans, frames: int, margin: int = 0) -> NDArray[np.bool_]:
 
 
 def load_labels(folder: Path) -> list[Label]:
-    """Of the clips in `folder`; InputError where there are none, or the file is another."""
+    """Labels of the clips that lie in `folder`.
+
+    Raises InputError where there are none, or where the file has another format.
+    """
     own = folder / NAME
     path = own if own.is_file() else SHIPPED
     try:

@@ -1,4 +1,4 @@
-"""What `livedrive eval eyes` measures on rendered clips: encoder, calibration and driven head."""
+"""Metrics of `livedrive eval eyes` on rendered clips: encoder, calibration and driven head."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 Metrics = dict[str, float]
 Floats = NDArray[np.float32]
-OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+OPEN_ENOUGH = 0.25  # lid opening from which gaze is visible and counts
 
 
 def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
-    """What the routine gives for a clip's wearer."""
+    """Calibration of a clip's wearer, fitted to the pictures of the routine."""
     from encoder.eyes.encoder import new_encoder_state
     from encoder.eyes.routine import SETTLE, TargetSamples, fit
 
@@ -34,7 +34,7 @@ def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
         relative, lids = (
             np.stack([getattr(r, name) for r in rows]) for name in ("relative", "lids")
         )
-        unseen = np.zeros((SETTLE, 2), np.bool_)  # the frames in which the eyes arrive
+        unseen = np.zeros((SETTLE, 2), np.bool_)  # frames in which the eyes still move
         good = np.concatenate([unseen, np.stack([r.score for r in rows]) > 0.5])
         before = np.repeat(gaze[:1], SETTLE, 0)
         gaze, relative = (np.concatenate([before, rows]) for rows in (gaze, relative))
@@ -46,7 +46,7 @@ def calibrated(encoder: "EyeEncoder", clip: "EyeClip") -> "EyeCalibration":
 def read(
     encoder: "EyeEncoder", pairs: NDArray[np.uint8], state: "EncoderState"
 ) -> "tuple[list[EyeReading], EncoderState]":
-    """Pairs of pictures, one after the other."""
+    """Run the encoder over pairs of pictures [T, 2, 400, 400]; returns readings and last state."""
     rows: list[EyeReading] = []
     for pair in pairs:
         reading, state = encoder.step(pair, state)
@@ -55,7 +55,7 @@ def read(
 
 
 def encoder_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> Metrics:
-    """Gaze, lids, blinks and validity on clips of unseen wearers."""
+    """Gaze, lids, blinks and validity on clips of held-out wearers."""
     from encoder.evaluation.eye_metrics import NO_BLINKS, angle_deg, compare_blinks, shut_frames
     from encoder.eyes.conjugate import joined
     from encoder.eyes.encoder import new_encoder_state
@@ -96,7 +96,7 @@ def encoder_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]") -> Metric
 
 
 def fault_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]", seed: int) -> Metrics:
-    """Share of broken pictures whose valid flag falls; 0 where anything is not finite."""
+    """Share of broken pictures whose valid flag falls; 0 where an output is not finite."""
     rng = np.random.default_rng(seed)
     rows = np.concatenate([clip.eyes[::15] for clip in clips])
     shape: tuple[int, ...] = rows[0].shape
@@ -111,7 +111,7 @@ def fault_metrics(encoder: "EyeEncoder", clips: "Sequence[EyeClip]", seed: int) 
     for name, spoil in faults.items():
         readings: list[EyeReading] = [encoder(spoil(eyes).astype(np.uint8)) for eyes in rows]
         finite = all(np.isfinite(array).all() for reading in readings for array in reading)
-        # an eye in the other's place is an eye all the same, and told by its side
+        # swapped pictures do show eyes: what falls is the score of their side
         flag = "side" if name == "swapped" else "score"
         fallen = np.stack([getattr(reading, flag) for reading in readings]) < 0.5
         result[f"flag_falls_{name}"] = float(fallen.mean()) if finite else 0.0
@@ -126,7 +126,8 @@ def head_metrics(
     encode: Callable[[Floats], Floats],  # rig [T, 53] -> codes [T, 256]
     seed: int,
 ) -> Metrics:
-    """Upper face, lips and blinks of the driven head: synthesised gaze, the truth's gaze, and e."""
+    """Upper face, lips and blinks of the head driven by synthesised gaze, by the true gaze, and by
+    eye features."""
     from encoder.evaluation import metrics
     from encoder.evaluation.eye_metrics import (
         NO_BLINKS,
@@ -166,13 +167,13 @@ def head_metrics(
     result["avatar_closings"] = closings["speech"].hits + closings["speech"].missed
     for name, found in blinks.items():
         result[f"avatar_closes_on_time_{name}"] = closings[name].on_time
-        result[f"avatar_blinks_on_time_{name}"] = found.on_time  # half blinks, too
+        result[f"avatar_blinks_on_time_{name}"] = found.on_time  # half blinks included
         result[f"avatar_blink_f1_{name}"] = found.f1
     return result
 
 
 def told(driver: "Driver", clip: "EyeClip", seed: int) -> Floats:
-    """The audio model, told where the eyes really look: codes [T, 256]."""
+    """Codes [T, 256] of the audio model given the true gaze."""
     from encoder.driver import frame_noise
 
     state, codes = driver.backend.init_state(), list[Floats]()
@@ -189,10 +190,11 @@ def loss_metrics(
     clips: "Sequence[EyeClip]",
     mesh: "FaceMesh",
     seed: int,
-    tried: int = 6,  # clips in which cameras are lost; what is normal is seen in all of them
+    tried: int = 6,  # clips in which cameras are lost; normal movement is taken from all clips
     every: int = 13,
 ) -> Metrics:
-    """Kill an eye, or both, at many frames: largest jumps against normal ones, and the way back."""
+    """Lose one camera or both, at many frames: largest jump relative to normal movement, time to
+    recover."""
     from encoder.eyes.conjugate import OPEN
     from encoder.eyes.gaze_graph import STRIDE
     from encoder.eyes.gaze_statistics import step_deg
@@ -201,7 +203,7 @@ def loss_metrics(
     jumps, faces, recovery = list[float](), list[float](), list[int]()
     source = driver.graph.gaze[:, :STRIDE].reshape(-1, 2, 3)
     whole = [drive_clip(driver, clip.frames(), seed) for clip in clips]
-    # clips of seconds need not hold a large saccade: the walk's source is normal, too
+    # a clip of seconds may hold no large saccade, so the walk's source counts as normal, too
     looks = [source, *(gaze for _, gaze in whole), *(clip.gaze for clip in clips)]
     normal_turn = max(step_deg(gaze).max() for gaze in looks)
     normal_move = max(moves(mesh, codes).max() for codes, _ in whole)
@@ -216,7 +218,7 @@ def loss_metrics(
             jumps.append(step_deg(hurt_gaze).max())
             faces.append(moves(mesh, hurt).max())
             same = np.abs(hurt_gaze - gaze[cut])[stop:].max((1, 2)) < 1e-3
-            # a shut eye shows no gaze to return to
+            # while an eye is shut there is no gaze to recover
             same = same[clip.lids[cut][stop:].min(1) > OPEN]
             recovery.append(int(np.argmax(same)) if same.any() else len(same))
             assert np.isfinite(hurt).all()
@@ -229,7 +231,7 @@ def loss_metrics(
 
 
 def moves(mesh: "FaceMesh", codes: Floats) -> NDArray[np.float64]:
-    """Largest movement of an upper-face vertex from frame to frame, mm [T - 1]."""
+    """Largest movement of any upper-face vertex between frames [T - 1], mm."""
     return np.linalg.norm(np.diff(mesh.upper_face(codes), axis=0), axis=-1).max(-1)
 
 

@@ -1,6 +1,6 @@
-"""Where the pupil is, by a classical ellipse fit (OpenCV): what real pictures are judged by.
+"""Finds the pupil by a classical ellipse fit (OpenCV), the truth for real pictures.
 
-Nothing here is learned, so it is independent of the networks that it judges.
+Nothing here is learned, so it is independent of the networks under evaluation.
 """
 
 from typing import Any, NamedTuple
@@ -14,12 +14,12 @@ WORK_PX = 320  # pictures are measured at this size
 GLINT_PX = 15  # bright spots up to this size are closed before the fit
 LEVELS = (0.06, 0.09, 0.13, 0.18, 0.24, 0.31, 0.39, 0.48)  # of the way from dark to usual
 MIN_AREA, MAX_AREA = 150, 16_000  # px
-MIN_OVERLAP, MIN_CONTRAST = 0.85, 0.06  # below, the fit is not believed
-MAX_ASPECT = 0.85  # rounder than this is no better
+MIN_OVERLAP, MIN_CONTRAST = 0.85, 0.06  # below either the fit is not trusted
+MAX_ASPECT = 0.85  # rounder than this scores no better
 
 
 class Pupil(NamedTuple):
-    """In px of the picture, from its upper left."""
+    """Centre and radius in pixels from the upper left; good: the fit can be trusted."""
 
     x: float
     y: float
@@ -33,7 +33,10 @@ NO_PUPIL = Pupil(0.0, 0.0, 0.0, False)
 def find_pupil(
     picture: NDArray[np.uint8],  # [H, W]
 ) -> Pupil:
-    """The dark region that is most like an ellipse and darkest against its rim."""
+    """The dark region that best fits an ellipse and contrasts most with its rim.
+
+    Raises InputError where OpenCV is not installed.
+    """
     try:
         import cv2
     except ImportError as error:
@@ -72,7 +75,7 @@ def _fit(
     contour: NDArray[Any],
     ellipse: tuple[Any, Any, Any],
 ) -> tuple[float, float]:
-    """Overlap of contour and ellipse, 0..1; grey levels by which its rim is brighter."""
+    """Overlap of contour and ellipse, 0..1; by how many grey levels the rim is brighter."""
     import cv2
 
     inside, rim, filled = (np.zeros(shape, np.uint8) for _ in range(3))

@@ -1,7 +1,7 @@
-"""Real near-eye videos as the Driver shows them: blinks, gaze against the pupil, jitter.
+"""Real near-eye videos through the Driver: blinks, gaze against the pupil, jitter.
 
-For looking and checking only: nothing trains on them. The truth is independent of every network:
-blinks and visible eyes from lists of frames (`labels`), the pupil from an ellipse fit (`pupil`).
+For evaluation only: nothing trains on them. The truth is independent of every network: blinks and
+visible eyes come from lists of frames (labels.py), the pupil from an ellipse fit (pupil.py).
 """
 
 from collections.abc import Callable, Sequence
@@ -20,29 +20,29 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.floating]
 Metrics = dict[str, float]
-NEAR_FRAMES = 2  # a lid is on its way this long before and after a blink
-MOVES = 0.08  # of the picture's width, 5th to 95th percentile: from here on the pupil moves
-STILL, STILL_FRAMES = 0.004, 10  # of the width in this many frames: the pupil keeps still
-STILL_PICTURE = 2.5  # grey levels from frame to frame, on average, of such a picture
+NEAR_FRAMES = 2  # the lid moves for this long before and after a blink
+MOVES = 0.08  # of the picture's width, 5th to 95th percentile: the pupil counts as moving
+STILL, STILL_FRAMES = 0.004, 10  # of the width, within so many frames: the pupil is still
+STILL_PICTURE = 2.5  # mean difference between frames in grey levels: the picture is still
 
 
 @dataclass(frozen=True, eq=False)
 class RealClip:
-    """One clip: what the cameras gave and what the Driver made of it."""
+    """One clip: camera pictures, and what the Driver made of them."""
 
     label: Label
-    eyes: tuple[int, ...]  # that have a camera
+    eyes: tuple[int, ...]  # those with a camera
     views: NDArray[np.uint8]  # [T, 2, 400, 400]
     opening: Floats  # [T] of the avatar's lids: 1 open
     gaze: Floats  # [T, 2, 3] as shown
     lids: Floats  # [T, 2] as the tracker has them
-    accepted: NDArray[np.bool_]  # [T, 2] an eye's own picture was shown
-    score: Floats  # [T, 2] chance that it shows an eye
+    accepted: NDArray[np.bool_]  # [T, 2] the gaze shown is from this eye's own picture
+    score: Floats  # [T, 2] probability that the picture shows an eye
     pupils: Floats  # [T, 2, 4] x, y (up), radius in widths of the view; 1 where the fit is good
 
 
 def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed: int) -> RealClip:
-    """A clip through the Driver in silence; `blink` is the avatar's, of codes [T, 256]."""
+    """Drive a clip in silence; `blink`: codes [T, 256] -> how shut the avatar's lids are [T]."""
     from app.eval.eyes.pupil import find_pupil
     from encoder.eyes.tracker import OWN, EyeState
 
@@ -76,7 +76,7 @@ def show(label: Label, driver: "Driver", blink: Callable[[Floats], Floats], seed
 
 
 def read_views(path: Path) -> NDArray[np.uint8]:  # [T, 400, 400]
-    """Every picture of a video as an eye camera's view, in order."""
+    """All pictures of a video as an eye camera delivers them, in order."""
     from sensors.cameras.views import fit
     from sensors.picture import gray
     from sensors.session.eye_video import open_video
@@ -86,7 +86,7 @@ def read_views(path: Path) -> NDArray[np.uint8]:  # [T, 400, 400]
 
 
 def silent_frames(views: NDArray[np.uint8], eyes: tuple[int, ...]) -> list[SensorFrame]:
-    """One picture a tick, whatever the container says of its rate."""
+    """Sensor frames without sound: one picture a tick, whatever the video's frame rate."""
     valid = np.isin((0, 1), eyes)
     return [
         SensorFrame(
@@ -103,7 +103,7 @@ def silent_frames(views: NDArray[np.uint8], eyes: tuple[int, ...]) -> list[Senso
 
 
 def clip_metrics(clip: RealClip) -> Metrics:
-    """One clip's numbers; those of what it does not show are left out."""
+    """Metrics of one clip; those that it has no data for are left out."""
     from encoder.evaluation.eye_metrics import compare_blinks, shut_frames
     from encoder.evaluation.metrics import runs
 
@@ -130,7 +130,8 @@ def clip_metrics(clip: RealClip) -> Metrics:
 
 
 def _gaze_metrics(clip: RealClip, visible: NDArray[np.bool_]) -> Metrics:
-    """The worst eye's r in each direction in which its pupil moves; jitter while it is still."""
+    """Correlation of gaze and pupil (the worse eye, for each axis on which the pupil moves), and
+    jitter while it is still."""
     r: dict[str, list[float]] = {"gaze_r_x": [], "gaze_r_y": []}
     jitter: list[float] = []
     for eye in clip.eyes:
@@ -150,7 +151,7 @@ def _gaze_metrics(clip: RealClip, visible: NDArray[np.bool_]) -> Metrics:
 def _jitter_deg(
     small: NDArray[np.uint8], pupil: Floats, good: NDArray[np.bool_], gaze: Floats
 ) -> list[float]:
-    """Root mean square of the gaze about its mean, of each stretch in which the eye keeps still."""
+    """RMS deviation of the gaze from its mean, for each stretch in which the eye is still."""
     result: list[float] = []
     for start in range(0, len(good) - STILL_FRAMES + 1, STILL_FRAMES // 2):
         cut = slice(start, start + STILL_FRAMES)
@@ -164,7 +165,7 @@ def _jitter_deg(
 
 
 def real_metrics(clips: Sequence[RealClip]) -> Metrics:
-    """Each clip's numbers by its name, and the worst or the sum over all of them."""
+    """Metrics of each clip under its name, and the worst or the sum over all clips."""
     rows = {clip.label.name: clip_metrics(clip) for clip in clips}
     minutes = sum(row["seconds"] for row in rows.values()) / 60
     result = {

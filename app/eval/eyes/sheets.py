@@ -1,4 +1,4 @@
-"""Pictures to look at: eyes with their gaze as an arrow, their lid as a line, their confidence."""
+"""Sheets of eye pictures with gaze (arrow), lid opening (line) and confidence drawn in."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,7 @@ def sheet(
     columns: int = 6,
     accepted: list[bool] | None = None,  # default: by the score
 ) -> None:
-    """One picture of many."""
+    """Write a sheet of many pictures, with their readings."""
     from PIL import Image, ImageDraw
 
     size = SIZE_PX
@@ -38,7 +38,7 @@ def sheet(
         aside = np.array([-away[1], away[0]])
         draw.line((*middle, *tip), fill=GAZE, width=3)
         draw.polygon([*tip, *(tip - 9 * away + 5 * aside), *(tip - 9 * away - 5 * aside)], GAZE)
-        # the upper lid's height: the middle of the picture is open, a quarter below it is shut
+        # height of the upper lid: shut is a quarter below the middle of the picture
         level = y + size * (0.75 - 0.45 * lid)
         draw.line((x + 0.25 * size, level, x + 0.75 * size, level), fill=GOOD, width=2)
         colour = GOOD if good else BAD
@@ -49,7 +49,7 @@ def sheet(
 
 
 def clip_sheet(clip: "RealClip", path: Path, moments: int = 40, columns: int = 10) -> None:
-    """One real clip: evenly spaced moments, and all of its blinks; left eyes, then right ones."""
+    """Write a sheet of one real clip: evenly spaced frames and all blinks, left eye then right."""
     chosen = set(np.linspace(0, len(clip.opening) - 1, moments).astype(int).tolist())
     for first, last in clip.label.blinks:
         chosen |= set(range(max(first - 2, 0), min(last + 3, len(clip.opening)), 2))

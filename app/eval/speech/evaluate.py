@@ -1,7 +1,7 @@
-"""`livedrive eval speech DATA`: the paper's tables 1-3 and what a causal model must show besides.
+"""`livedrive eval speech DATA`: the paper's tables 1-3, and further tests of a causal model.
 
-Rows keep the paper's three settings apart: the recorded gaze, a synthesised gaze, and the live
-path. A row whose model was not trained (see `livedrive train --variant`) is left out and named.
+The paper's three settings are separate: recorded gaze, synthesised gaze, and the live path. A row
+whose model was not trained (see `livedrive train --variant`) is left out and listed as missing.
 """
 
 from dataclasses import dataclass
@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.eval.settings import EvalSettings
 from app.eval.speech.tables import GT, LIVE, SYNTHESISED, Metrics, make_thresholds, show
+from app.terminal.arguments import File
 
 if TYPE_CHECKING:
     from encoder.evaluation.rows import Row, Segment
-
-
-from app.eval.settings import EvalSettings
-from app.terminal.arguments import File
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,12 +31,12 @@ class SpeechSettings(EvalSettings):
     samples: int = 5
     """Samples drawn for each row (the paper: 5)."""
     segments: int = 24
-    """At most so many segments of 100 frames of each kind of clip."""
+    """Most segments of 100 frames of each kind of clip."""
     brief: bool = False
     """Only the shipped student: no teacher, no ablations, no ten-minute run."""
     leave_one_out: bool = False
-    """Instead: the talkers of --mocap, each with the student in DATA/leave_out that was trained
-    without them (`livedrive train distill --leave-out TALKER`)."""
+    """Instead: evaluate each talker of --mocap with the student in DATA/leave_out that was trained
+    without that talker (`livedrive train distill --leave-out TALKER`)."""
     mocap: File = None
     """Folder of tracked faces, for --leave-one-out."""
     plots: File = None
@@ -46,8 +44,10 @@ class SpeechSettings(EvalSettings):
 
 
 def evaluate(data: Path, settings: SpeechSettings) -> None:
-    """Print tables and thresholds; exit with status 1 where one fails. `data`: folder that
-    `livedrive capture` made; the teacher and ablations are looked for in it."""
+    """Print tables and thresholds; exit with status 1 where one fails.
+
+    data: folder made by `livedrive capture`; teacher and ablations are expected in it.
+    """
     from app.terminal.thresholds import finish, print_metrics
 
     evaluated = SpeechEvaluation(data, settings)
@@ -73,7 +73,7 @@ def evaluate(data: Path, settings: SpeechSettings) -> None:
 
 
 class SpeechEvaluation:
-    """All models of one evaluation, and the rows they give."""
+    """All models of one evaluation and their rows of the tables."""
 
     def __init__(self, data: Path, settings: SpeechSettings) -> None:
         import torch
@@ -92,7 +92,7 @@ class SpeechEvaluation:
         self.kinds = held_out_segments(data, settings.segments, settings.seed)
 
     def tables(self) -> dict[str, dict[str, dict[str, Metrics]]]:
-        """kind of clip -> setting -> row -> metrics."""
+        """Kind of clip -> setting -> row -> metrics."""
         from tqdm import tqdm
 
         return {
@@ -115,7 +115,7 @@ class SpeechEvaluation:
         return self.decoder.encode(np.stack([segment.rig for segment in segments]))
 
     def _rows(self, segments: "list[Segment]") -> "list[tuple[str, str, Row, int]]":
-        """(setting, name, row, number of draws)."""
+        """Rows to evaluate: (setting, name, row, number of samples)."""
         from app.eval.speech.live import live_codes
         from encoder.denoiser.model import headless
         from encoder.evaluation import rows as evaluation
@@ -147,7 +147,7 @@ class SpeechEvaluation:
     def _trained_rows(
         self, segments: "list[Segment]", audio: Any, gaze: Any
     ) -> "list[tuple[str, str, Row, int]]":
-        """Rows of models that ship with nobody: teacher and ablations, where they were trained."""
+        """Rows of models that are not shipped: teacher and ablations, where they were trained."""
         from encoder.denoiser.diffusion import Guidance
         from encoder.evaluation import rows as evaluation
         from encoder.training.centred import CentredEncoder, fed_causally
@@ -201,7 +201,7 @@ class SpeechEvaluation:
         return lambda seed: self.decoder.encode(rig)
 
     def live_metrics(self) -> Metrics:
-        """Silence, noise, real speech, ten minutes."""
+        """Metrics of the live path: silence, noise, real speech, ten minutes without a break."""
         from app.eval.speech import live as eval_live
 
         settings, result = self.settings, eval_live.rest_metrics(self.driver, self.mesh, 0)
@@ -217,7 +217,7 @@ class SpeechEvaluation:
         return result
 
     def save_plots(self, folder: Path) -> list[Path]:
-        """The student's error over shift for each kind of clip; loss curves of all cards."""
+        """Plot the student's error over a shift for each kind of clip, and all loss curves."""
         from app.eval import plots as eval_plots
         from encoder import inference
         from encoder.evaluation import rows as evaluation

@@ -1,8 +1,8 @@
-"""`livedrive eval speech DATA --leave-one-out`: real talkers whom the student never learned from.
+"""`livedrive eval speech DATA --leave-one-out`: real talkers that the student was not trained on.
 
-Each talker of the motion folder is driven live, by the student in DATA/leave_out that was trained
-without him or her (or without several), and judged against what was tracked of the same clip. The
-audio encoder learns from none of them.
+Each talker of the motion folder is driven live by the student in DATA/leave_out that was trained
+without that talker (or without several), and compared with the tracked motion of the same clip. The
+audio encoder is trained on none of them.
 """
 
 # pyright: reportMissingTypeStubs=false
@@ -35,7 +35,10 @@ COLUMNS = (
 
 
 def evaluate(data: Path, settings: "SpeechSettings") -> None:
-    """The table of talkers, clean and with babble or a telephone's band, and the bars."""
+    """Print tables of talkers (clean, with babble, through a telephone band) and thresholds.
+
+    Raises InputError where talkers or students are missing.
+    """
     from app.face.mesh import face_mesh
     from app.terminal.thresholds import at_least, at_most, finish
 
@@ -90,7 +93,7 @@ def show(rows: dict[str, dict[str, float]], prefix: str) -> None:
 
 
 def babble(others: list[np.ndarray], seed: int) -> Change:
-    """Four talkers at once, 10 dB below the sound."""
+    """Adds four talkers at once, BABBLE_DB below the sound."""
 
     def change(sound: np.ndarray) -> np.ndarray:
         rng = np.random.default_rng([seed, len(sound)])
@@ -112,7 +115,7 @@ def telephone() -> Change:
 
 
 def drivers_of(data: Path, weights: Path | None) -> dict[str, "Driver"]:
-    """talker -> the live driver whose student was trained without, and with most others."""
+    """Talker -> live driver whose student was trained without that talker, and with most others."""
     from encoder import inference
     from encoder.backends import create_backend
     from encoder.driver import Driver
@@ -131,7 +134,7 @@ def drivers_of(data: Path, weights: Path | None) -> dict[str, "Driver"]:
         config, student, card = inference.load_student(folder, "gaze")
         if card["audio_sha256"] != networks_sha256(weights):
             raise InputError(
-                f"{folder}: expected a student of the audio encoder that is judged, got one of "
+                f"{folder}: expected a student of the audio encoder under evaluation, got one of "
                 "another; train it again"
             )
         result[talker] = Driver(
@@ -150,7 +153,7 @@ def networks_sha256(weights: Path | None) -> str:
 
 
 def tracked_takes(folder: Path, talker: str) -> "Iterator[Take]":
-    """What was tracked and no more; clips that follow their sound."""
+    """Takes of a talker with tracked motion only, nothing completed by rules."""
     from encoder.capture.subjects import mocap
 
     if talker == "facegood":

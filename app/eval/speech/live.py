@@ -1,4 +1,4 @@
-"""The live path under judgement: the Driver, tick by tick, on speech, silence and noise."""
+"""Metrics of the live path: the Driver, tick by tick, on speech, silence and noise."""
 
 # pyright: reportMissingTypeStubs=false
 
@@ -20,7 +20,7 @@ RATE = 48_000
 
 
 def load_sound(path: Path) -> np.ndarray:  # [T * 1600] f32
-    """Any sound file as whole frames of 48 kHz mono."""
+    """A sound file as 48 kHz mono, -1..1, cut to whole frames of 1600 samples."""
     import soundfile
     import soxr
 
@@ -37,7 +37,7 @@ def drive(driver: "Driver", sound: np.ndarray, seed: int) -> np.ndarray:  # [T, 
 
 
 def live_codes(driver: "Driver", segments: "Sequence[Segment]", seed: int) -> np.ndarray:
-    """[S, T, 256]: each clip is driven from its start; gaze is synthesised."""
+    """Codes [S, T, 256] of segments; each clip is driven from its start, with synthesised gaze."""
     import soxr
 
     rows: list[np.ndarray] = []
@@ -53,7 +53,8 @@ def live_codes(driver: "Driver", segments: "Sequence[Segment]", seed: int) -> np
 
 
 def not_speech(seed: int) -> dict[str, np.ndarray]:
-    """A minute of each thing that is no speech, at -30 dBFS RMS (digital silence: zeros)."""
+    """A minute [n] at 48 kHz of each kind of sound that is not speech, at -30 dBFS RMS (silence:
+    zeros)."""
     rng = np.random.default_rng(seed)
     count = REST_SECONDS * RATE
     time = np.arange(count) / RATE
@@ -80,7 +81,7 @@ def not_speech(seed: int) -> dict[str, np.ndarray]:
 
 
 def rest_metrics(driver: "Driver", mesh: "FaceMesh", seed: int) -> dict[str, float]:
-    """How far the lips' opening moves in a minute without speech, after half a second."""
+    """How far the opening of the lips moves in a minute without speech, mm, after half a second."""
     from encoder.evaluation.metrics import movement_mm
 
     return {
@@ -92,7 +93,10 @@ def rest_metrics(driver: "Driver", mesh: "FaceMesh", seed: int) -> dict[str, flo
 def speech_metrics(
     driver: "Driver", mesh: "FaceMesh", folder: Path, every: int, seed: int
 ) -> dict[str, float]:
-    """Do the lips follow the loudness of real speech, without any truth of motion?"""
+    """Correlation of the lips' opening with the loudness of real speech; needs no recorded motion.
+
+    Raises InputError where the folder holds no sound.
+    """
     from encoder.capture.motion.shift import best_shift
     from encoder.evaluation.metrics import envelope
     from sensors.types import InputError
@@ -124,7 +128,7 @@ def speech_metrics(
 def drift_metrics(
     driver: "Driver", segments: "Sequence[Segment]", truth: np.ndarray, mesh: "FaceMesh", seed: int
 ) -> dict[str, float]:
-    """Ten minutes of the same minute of speech: lip sync of the first and of the last minute."""
+    """Lip sync in the first and the tenth minute of one minute of speech played ten times."""
     import soxr
 
     sound = np.concatenate([segment.audio for segment in segments])[: 24_000 * 60]

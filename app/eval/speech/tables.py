@@ -33,7 +33,7 @@ def show(tables: dict[str, dict[str, dict[str, Metrics]]]) -> None:
 
 
 def make_thresholds(metrics: Metrics) -> list[dict[str, Any]]:
-    """The thresholds of every metric that was measured."""
+    """Thresholds of all metrics that were measured."""
     from app.terminal.thresholds import at_least, at_most
 
     thresholds = [
