@@ -1,8 +1,8 @@
 """Emotions at run time: words -> intensities, cross-faded -> shifts and scales in the denoiser.
 
-Words are those of the command line, of the network and of a session's timeline: `happy`,
-`happy:0.7`, `happy:0.5+surprised:0.3`, `neutral`. Between a SensorFrame and Backend.denoise in the
-flow (paper section 5.1); a function of the frames so far and nothing else.
+Words come from the command line, the network or a session's timeline: `happy`, `happy:0.7`,
+`happy:0.5+surprised:0.3`, `neutral`. In the flow this lies between SensorFrame and Backend.denoise
+(paper section 5.1); it depends on the frames so far and on nothing else.
 """
 
 from __future__ import annotations
@@ -26,18 +26,21 @@ MAX_PARTS = 2
 
 @dataclass(frozen=True, eq=False)
 class Emotions:
-    """What each label does between the blocks at full intensity."""
+    """Shifts and scales of each label at full intensity, and how words become a mixture of them."""
 
     labels: tuple[str, ...]
     table: Floats  # [labels, width], see zero_conv.py
 
     def mixture(self, words: str) -> Floats:
-        """[labels] intensities 0..1 of `words`; raises InputError."""
+        """Intensities [labels] float32, 0..1, of `words`.
+
+        Raises InputError at unknown words, intensities out of range, or too many parts.
+        """
         result = np.zeros(len(self.labels), np.float32)
         parts = [part.strip() for part in words.split("+")] if words.strip() else []
         if len(parts) > MAX_PARTS:
             raise InputError(
-                f"emotion: expected at most {MAX_PARTS} of them, got {words!r}; "
+                f"emotion: expected at most {MAX_PARTS} emotions, got {words!r}; "
                 "try happy:0.5+surprised:0.5"
             )
         for part in parts:
@@ -62,9 +65,9 @@ class Emotions:
         return self.labels.index(name)
 
     def step(self, words: str, mood: Mood) -> tuple[Floats | None, Mood]:
-        """One frame -> [width] for the denoiser, None where it is nothing; the next state.
+        """One frame -> [width] float32 for the denoiser (None: neutral), and the next state.
 
-        New words are faded to from wherever the last fade has come.
+        New words start a fade from wherever the last one has got to.
         """
         if words != mood.words:
             mood = Mood(words, self._now(mood), self.mixture(words), FADE_FRAMES)
@@ -92,7 +95,7 @@ def _intensity(number: str, part: str) -> float:
 
 
 def load_emotions(folder: Path, student_sha256: str) -> Emotions | None:
-    """The emotions of this very student; None where there are none, or another student's."""
+    """The emotions trained for this student; None where there are none, or for another student."""
     path = folder / "emotion"
     if not path.with_suffix(".json").is_file():
         return None

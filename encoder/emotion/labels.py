@@ -1,7 +1,7 @@
 """Ten emotions: the facial action units of each, and how the voice changes with it.
 
 The paper's second data set has ten labels per subject (section 6.1); the names and the rules here
-are ours. Speech takes the voice's factors, motion/emotion.py lays the channels over a face.
+are ours. Speech synthesis uses the voice's factors, motion/emotion.py adds the channels to a face.
 """
 
 from dataclasses import dataclass, field
@@ -9,14 +9,15 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True)
 class Emotion:
-    """Channels of full strength (both sides where no side is named) and the voice's factors."""
+    """Rig channels at full strength, 0..1 (both sides where no side is named), and factors on the
+    voice of a neutral talker."""
 
     channels: dict[str, float] = field(default_factory=dict)
     tempo: float = 1.0
     pitch: float = 1.0
-    tone: float = 1.0  # range of the pitch
+    tone: float = 1.0  # pitch range
     energy: float = 1.0
-    mouth: float = 1.0  # how large the mouth moves
+    mouth: float = 1.0  # size of mouth movements
 
 
 EMOTIONS: dict[str, Emotion] = {
@@ -30,7 +31,7 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthShrugLower": 0.2},
         0.82, 0.9, 0.6, 0.7, 0.75,
     ),
-    "angry": Emotion(  # AU 4 + 5 + 7 + 23: a stare under low brows, which tells it from disgusted
+    "angry": Emotion(  # AU 4 + 5 + 7 + 23: a stare under low brows, unlike disgusted
         {"browDown": 1.0, "eyeSquint": 0.45, "eyeWide": 0.35, "noseSneer": 0.5, "mouthPress": 0.3,
          "mouthFrown": 0.15, "jawForward": 0.3, "mouthLowerDown": 0.15},
         1.1, 1.1, 1.4, 1.4, 1.15,
@@ -40,7 +41,7 @@ EMOTIONS: dict[str, Emotion] = {
          "mouthStretch": 0.5, "mouthLowerDown": 0.1},
         1.12, 1.22, 1.1, 0.9, 0.9,
     ),
-    "surprised": Emotion(  # AU 1 + 2 + 5 + 26: the jaw drops, which tells it from excited
+    "surprised": Emotion(  # AU 1 + 2 + 5 + 26: the jaw drops, unlike excited
         {"browInnerUp": 0.85, "browOuterUp": 0.85, "eyeWide": 0.75, "jawOpen": 0.16,
          "mouthFunnel": 0.12},
         1.0, 1.25, 1.5, 1.15, 1.15,

@@ -1,9 +1,9 @@
-"""Other words for an emotion: a CLIP text model says which of the known labels they are like.
+"""Free text for an emotion: a CLIP text model finds the known labels nearest to it.
 
 The model lies in a local folder (transformers' format, e.g. openai/clip-vit-base-patch32); nothing
-is fetched. The shipped embeddings are not CLIP's, so a text is not fed to the zero convolutions
-itself, as in the paper (section 5.1), but becomes a mixture of the two labels nearest to it. What
-was found is kept in a small file, and the model is not needed again for the same words.
+is downloaded. The shipped embeddings are not CLIP's, so the text is not an input of the zero
+convolutions, as in the paper (section 5.1), but becomes a mixture of the two nearest labels.
+Results are kept in a small file, so that the model is loaded only for new words.
 """
 
 from __future__ import annotations
@@ -21,11 +21,14 @@ from sensors.types import InputError
 
 Embed = Callable[[Sequence[str]], NDArray[np.float32]]  # texts -> unit rows [n, 512]
 SENTENCE = "a photo of a face that looks {}"
-SHARPNESS = 100.0  # CLIP's own scale of similarities
+SHARPNESS = 100.0  # CLIP's scale of similarities
 
 
 def clip_embed(folder: Path) -> Embed:
-    """The text half of a CLIP model in `folder`; raises InputError where there is none."""
+    """The text encoder of the CLIP model in `folder`.
+
+    Raises InputError where there is no such model, or no transformers package.
+    """
     if not (folder / "config.json").is_file():
         raise InputError(
             f"--clip {folder}: expected a folder with a CLIP model (config.json, weights, "
@@ -61,7 +64,7 @@ def understood(
 ) -> str:
     """`words` in terms of the labels: `proud:0.8` -> `happy:0.52+excited:0.28`.
 
-    Words that are known, and words nobody can help with, come back as they are.
+    Known words, and unknown ones where there is no model, are returned unchanged.
     """
     parts = [part.strip() for part in words.split("+")]
     if len(parts) != 1:
@@ -85,12 +88,12 @@ def understood(
 
 
 def nearest_labels(text: str, labels: Sequence[str], embed: Embed) -> dict[str, float]:
-    """The labels nearest to a text with their shares, which add up to 1."""
+    """The MAX_PARTS labels nearest to a text, with shares that add up to at most 1."""
     rows = embed([SENTENCE.format(word) for word in (text, *labels)])
     likeness = SHARPNESS * (rows[1:] @ rows[0])
     best = np.argsort(-likeness)[:MAX_PARTS]
     share = np.exp(likeness[best] - likeness[best[0]])
-    share = np.floor(1000 * share / share.sum()) / 1000  # never more than 1 in all
+    share = np.floor(1000 * share / share.sum()) / 1000  # rounded down: the sum stays below 1
     return {str(labels[i]): round(float(s), 3) for i, s in zip(best, share, strict=True)}
 
 
@@ -98,5 +101,5 @@ def _read(cache: Path) -> dict[str, dict[str, float]]:
     try:
         known = files.read_json(cache)
     except (FileNotFoundError, ValueError):
-        return {}  # a cache: what is lost is found again
+        return {}  # a cache: lost entries are computed again
     return known if isinstance(known, dict) else {}

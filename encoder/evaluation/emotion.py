@@ -1,5 +1,5 @@
-"""How `livedrive eval emotion` judges: codes with an emotion, which truth they are nearest to, and
-what the lips keep of speech. The segments are those of emotion_sets.py.
+"""Metrics of `livedrive eval emotion`: codes with an emotion, the truth nearest to them, and how
+well the lips keep to the speech. Segments come from emotion_sets.py.
 """
 
 from collections.abc import Callable, Sequence
@@ -26,7 +26,7 @@ Region = Callable[[Floats], Floats]  # codes [T, 256] -> vertices [T, V, 3] mm
 
 
 class _Mean:
-    """In place of a random generator: the mean of each draw."""
+    """Stands in for a random generator; every draw is its mean."""
 
     def uniform(self, low: float, high: float, size: int) -> NDArray[np.float64]:
         return np.full(size, (low + high) / 2)
@@ -38,12 +38,12 @@ def laid_over(
     strength: float,
     lips: LipGeometry,
 ) -> Floats:  # [S, T, 53]
-    """The neutral model's lips, untouched but for the rules' own style at its mean strength.
+    """Rigs [S, T, 53] of the neutral model with the rules' style added at its mean strength.
 
-    No sync is lost here. What this is worse by on emotional truth than the neutral model is on
-    neutral truth is the price of not knowing how strongly this very take was acted, which no label
-    tells: of what keeps the neutral model's lips, no more can be expected. (Fine-tuning, which
-    replaces them by likelier and so less decided ones, passes below it and loses closures.)
+    The lip sync is the neutral model's. The error that this adds on emotional truth comes from not
+    knowing how strongly a take was acted, which no label tells: a model that keeps the neutral lips
+    cannot do better. (Fine-tuning, which replaces them by likelier and so less decided ones, gets
+    below it and loses closures.)
     """
     mean: Any = _Mean()
     pairs = zip(rigs, labels, strict=True)
@@ -60,7 +60,7 @@ def codes(
     intensity: float,
     seed: int,
 ) -> Floats:  # [S, T, 256]
-    """One step at tau = N over whole segments; every emotion gets the same noise."""
+    """Codes of one step at tau = N over whole segments; the noise is the same for all emotions."""
     rows = []
     tau = torch.tensor([student.config.num_steps])
     for index, label in enumerate(labels):
@@ -80,7 +80,7 @@ def nearest(
     truths: Floats,  # [labels, T, 256]
     region: Region,
 ) -> int:
-    """The label whose truth is nearest, by the mean distance of the region's vertices."""
+    """Index of the label whose truth is nearest, by mean distance of the region's vertices."""
     shown = region(said)
     far = [np.linalg.norm(region(truth) - shown, axis=-1).mean() for truth in truths]
     return int(np.argmin(far))
@@ -89,7 +89,7 @@ def nearest(
 def confusion(
     said: Floats, truths: Floats, labels: Sequence[int], region: Region
 ) -> Floats:  # [labels, labels], rows sum to 1 (asked for, nearest)
-    """said [S, T, 256], truths [S, labels, T, 256] and the label asked for in each segment."""
+    """Confusion of codes [S, T, 256], truths [S, labels, T, 256] and labels asked for [S]."""
     table = np.zeros((len(LABELS), len(LABELS)), np.float32)
     for row, versions, label in zip(said, truths, labels, strict=True):
         table[label, nearest(row, versions, region)] += 1
@@ -98,7 +98,7 @@ def confusion(
 
 @dataclass(frozen=True, eq=False)
 class Closures:
-    """Of each segment [S]: closures of the truth, and how many of them are kept (mean of draws)."""
+    """Closures in the truth of each segment [S], and how many are kept (mean of draws)."""
 
     of: metrics.Doubles
     kept: metrics.Doubles
@@ -111,10 +111,11 @@ class Closures:
 def closures_lost(
     ours: Closures, neutral: Closures, takes: Sequence[int], prefix: str
 ) -> dict[str, float]:
-    """How much lower our recall is than the other's, its standard error, and of how many closures.
+    """How much lower our recall is than the neutral model's, its standard error, and the number of
+    closures.
 
-    takes [S], 0..: segments of one take, in whatever emotion, share their words and much else, so
-    the error is that of a ratio over takes, not over closures.
+    takes [S], 0..: segments of one take share their words whatever the emotion, so the standard
+    error is that of a ratio over takes, not over closures.
     """
     if not ours.of.sum():
         return {}
@@ -139,16 +140,15 @@ def lip_metrics(
     phones: Sequence[NDArray[np.int64]],  # of each segment [T]
     mesh: FaceMesh,
 ) -> tuple[dict[str, float], Closures]:
-    """`lip_sync_mm` as in the paper's tables; what the words make of the lips; closures.
+    """`lip_sync_mm` as in the paper's tables; the part of lip motion due to words; closures.
 
-    lip_sync_mm is |error| of the distances of the lips' corners and of their centres. Between the
-    truths of two emotions it does not compare like with like: a smile that is a little narrower
-    than this take's (its strength is drawn anew for every take) is an error of millimetres all
-    through, and a mouth that moves 1.25 times as far errs 1.25 times as much at the same skill. So:
-    lip_motion_error takes of the same two distances what moves faster than 0.5 Hz (syllables do,
-    the emotion's swell does not) and divides the error by the truth's own motion: 0 is the truth,
-    1 a still mouth. lip_motion_r is the correlation of the centres' part: a timid mouth cannot buy
-    it.
+    lip_sync_mm is |error| of the distances between the lips' corners and between their centres. It
+    does not compare emotions fairly: a smile slightly narrower than this take's (strength is drawn
+    for every take) is a constant error of millimetres, and a mouth that moves 1.25 times as far has
+    1.25 times the error at the same skill. So lip_motion_error high-passes both distances at 0.5 Hz
+    (syllables are faster, an emotion's swell is slower) and divides the error by the motion of the
+    truth: 0 is the truth, 1 a still mouth. lip_motion_r is the correlation of the centres' part,
+    which a mouth that moves too little does not improve.
     """
     spans, sync = list[metrics.Doubles](), list[float]()
     moved: list[list[metrics.Doubles]] = [[] for _ in said]
@@ -177,12 +177,12 @@ def lip_metrics(
 
 
 def _fast_spans_mm(mesh: FaceMesh, lips: Floats) -> metrics.Doubles:  # [T, n, 3] -> [2, T]
-    """Distances of the lips' corners and centres, without what changes slower than 0.5 Hz."""
+    """Distances between the lips' corners and centres, high-passed at 0.5 Hz."""
     pairs = (mesh.marks.corners, mesh.marks.centres)
     spans = [np.linalg.norm(lips[:, a] - lips[:, b], axis=-1) for a, b in pairs]
     return metrics.highpassed(np.stack(spans))
 
 
 def largest_moves(codes: Floats, region: Region) -> Floats:  # [T, 256] -> [T - 1] mm
-    """The largest way of a vertex from each frame to the next."""
+    """Largest movement of any vertex between frames."""
     return np.linalg.norm(np.diff(region(codes), axis=0), axis=-1).max(1)

@@ -1,7 +1,7 @@
-"""What `livedrive eval emotion` judges: held-out segments with the truth of every emotion.
+"""Test sets of `livedrive eval emotion`: held-out segments with a truth for every emotion.
 
 Three sets: acted takes (voice and truth of one emotion), neutral takes of rule-made subjects, and
-real voices with tracked mouths over which emotions are laid.
+real voices with tracked mouths to which emotions are added.
 """
 
 from collections.abc import Iterator
@@ -53,7 +53,7 @@ def neutral(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Emotio
 
 
 def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[EmotionTruth]:
-    """Segments of held-out real voices; the emotions are laid over the tracked motion."""
+    """Segments of held-out real voices; emotions are added to the tracked motion."""
     groups = held_out_segments(pack, count, seed).values()
     found = [s for group in groups for s in group if s.clip.truth == "tracked"]
     frames = min((len(s.phones) for s in found), default=0)  # GRID's recordings are short
@@ -62,7 +62,7 @@ def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Emotio
     result = []
     for index in sorted(chosen):
         rig = found[index].rig
-        # each a draw of its own: one smile for all of them is one smile's luck
+        # each has its own draw: one smile for all would be chance
         draws = [np.random.default_rng([seed, index]) for _ in LABELS]
         pairs = zip(LABELS, draws, strict=True)
         rows = [with_emotion(rig, label, 1.0, lips, rng) for label, rng in pairs]
@@ -71,7 +71,7 @@ def tracked(pack: Path, lips: LipGeometry, count: int, seed: int) -> list[Emotio
 
 
 def _made(pack: Path) -> Iterator[tuple[Clip, Style]]:
-    """The takes of rule-made test subjects with their subject's style."""
+    """Takes of rule-made test subjects, with the subject's style."""
     for shard in read_manifest(pack)["shards"]:
         folder = pack / shard["file"]
         entry = finished(folder)
@@ -82,7 +82,7 @@ def _made(pack: Path) -> Iterator[tuple[Clip, Style]]:
 
 
 def _shortened(clip: Clip) -> Clip:
-    """Its first two segments at most: the rules take long over long takes."""
+    """At most the first two segments: the rules are slow on long takes."""
     frames = min(clip.num_frames, 2 * SEGMENT_FRAMES)
     names = ("rig", "gaze", "phones", "tongue")
     parts = {name: getattr(clip, name)[:frames] for name in names}

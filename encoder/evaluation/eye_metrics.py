@@ -1,4 +1,4 @@
-"""Numbers about eyes: gaze error, blinks as events and their latency; judged by `livedrive eval`.
+"""Metrics of eyes: gaze error, blinks as events and their latency; used by `livedrive eval eyes`.
 
 Pure functions of arrays: nothing here knows networks, files or pictures.
 """
@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 from encoder.evaluation.metrics import runs
 
 Values = NDArray[np.floating]
-SHUT = 0.5  # of the usual opening, below which lids blink
-CLOSED = 0.3  # of the usual opening, below which they are closed (PERCLOS: by 70 %)
-NEAR_FRAMES = 2  # a blink and its twin may begin this far apart
+SHUT = 0.5  # of the usual opening; below it the lid counts as shut
+CLOSED = 0.3  # of the usual opening; below it the eye is fully closed (PERCLOS: 70 %)
+NEAR_FRAMES = 2  # matching blinks may begin this far apart
 
 
 class Blinks(NamedTuple):
-    """Events that were found, of those that were there."""
+    """Blinks found, missed and false, and how late the found ones are."""
 
     hits: int
     missed: int
@@ -41,7 +41,7 @@ class Blinks(NamedTuple):
 
     @property
     def on_time(self) -> float:
-        """Share of those that were there whose onset was found, to a frame."""
+        """Share of true blinks whose onset was found within one frame."""
         total = self.hits + self.missed
         return sum(abs(late) <= 1 for late in self.latencies) / total if total else 1.0
 
@@ -60,12 +60,12 @@ def angle_deg(actual: Values, expected: Values) -> NDArray[np.float64]:
 
 
 def shut_frames(lids: Values) -> NDArray[np.bool_]:  # [T] -> [T]
-    """Frames in which the lid is lower than half of how this eye usually is."""
+    """Frames in which the lid is below half of this eye's usual opening."""
     return lids < SHUT * np.median(lids)
 
 
 def closing_frames(lids: Values) -> NDArray[np.bool_]:  # [T] -> [T]
-    """Shut frames of those blinks that close the eye: a half blink turns round on its way."""
+    """Shut frames of blinks that fully close the eye, without half blinks."""
     shut, closed = shut_frames(lids), lids < CLOSED * np.median(lids)
     for start, stop in runs(shut):
         shut[start:stop] &= closed[start:stop].any()
@@ -73,7 +73,7 @@ def closing_frames(lids: Values) -> NDArray[np.bool_]:  # [T] -> [T]
 
 
 def compare_blinks(found: NDArray[np.bool_], there: NDArray[np.bool_]) -> Blinks:
-    """Shut frames [T] -> events: one found counts for one there that it overlaps or nearly does."""
+    """Shut frames [T] -> blinks; a found one matches a true one that it overlaps, or nearly."""
     left, latencies = runs(found), list[int]()
     missed = 0
     for start, stop in runs(there):

@@ -1,4 +1,4 @@
-"""Judges codes against the truth's, on the mesh: the columns of the paper's tables and more."""
+"""Compares codes with the truth on the mesh: the columns of the paper's tables and more."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,12 +18,12 @@ CLOSING = tuple(PHONE_INDEX[name] for name in LIP_CLOSING)
 OPEN_VOWELS = tuple(PHONE_INDEX[name] for name in ("aa", "ae", "ah", "ao", "aw", "ay", "eh"))
 ONSET_FRAMES = 5
 PIECE = 20  # frames of lip opening that the energy distance compares
-BLINK = 0.5  # of eyeBlink, from which on lids count as shut
+BLINK = 0.5  # eyeBlink from which lids count as shut
 
 
 @dataclass(frozen=True)
 class FaceMesh:
-    """The decoder on one person, as far as judging needs it."""
+    """The parts of the decoder that the metrics need, for one person."""
 
     lips: Callable[[Floats], Floats]  # codes [T, 256] -> [T, n, 3] mm
     upper_face: Callable[[Floats], Floats]  # codes [T, 256] -> [T, m, 3] mm
@@ -36,7 +36,7 @@ class FaceMesh:
 
 @dataclass(frozen=True, eq=False)
 class TruthMeshes:
-    """The truth of a set of segments as vertices, made once for all rows."""
+    """Vertices of the truth of a set of segments, computed once for all rows."""
 
     segments: Sequence[Segment]
     lips: list[Floats]
@@ -51,7 +51,7 @@ class TruthMeshes:
 
 
 def judge(samples: Sequence[Floats], truth: TruthMeshes, mesh: FaceMesh) -> dict[str, float]:
-    """samples: K draws of codes [S, T, 256] for the same segments -> figures, units in names."""
+    """K samples of codes [S, T, 256] of the same segments -> metrics, units in their names."""
     errors: dict[str, list[list[float]]] = {}
     openings: list[list[Doubles]] = []
     for codes in samples:
@@ -96,7 +96,7 @@ def _errors(
 
 
 def _opening_figures(openings: list[list[Doubles]], truth: TruthMeshes) -> dict[str, float]:
-    """Figures of the lips' opening over all segments together."""
+    """Metrics of the opening of the lips, over all segments together."""
     real = np.concatenate(truth.openings)
     jaw = np.concatenate([s.rig[:, JAW_OPEN] for s in truth.segments]).astype(np.float64)
     phones = np.concatenate([segment.phones for segment in truth.segments])

@@ -1,7 +1,7 @@
-"""Numbers about motion, from vertices in millimetres; judged by `livedrive eval`.
+"""Metrics of motion, from vertices in millimetres; used by `livedrive eval`.
 
 Pure functions of arrays: nothing here knows networks, files or pictures. The first four are the
-paper's (section 6.1, table 2); it names them in words only, the docstrings say what is computed.
+paper's (section 6.1, table 2), which gives no formulas: the docstrings say what is computed here.
 """
 
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from encoder.types import Doubles, Floats
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
-MIDDLE_MM = 8.0  # half width of the part of the lips whose opening is measured
+MIDDLE_MM = 8.0  # half width of the middle of the lips, where the opening is measured
 NUM_PAIRS = 8
 ENVELOPE_BAND_HZ = (2.0, 15.0)
 SYLLABLE_BAND_HZ = (2.0, 7.0)
@@ -43,7 +43,7 @@ def lip_velocity_error_mm(predicted: Floats, truth: Floats) -> float:
 
 @dataclass(frozen=True)
 class LipMarks:
-    """Rows of the lip vertices that lip sync is measured between."""
+    """Rows of the lip vertices between which lip sync is measured."""
 
     corners: tuple[int, int]  # subject's left, right
     centres: tuple[int, int]  # upper, lower
@@ -51,7 +51,7 @@ class LipMarks:
 
     @staticmethod
     def find(lips: Floats, upper: NDArray[np.int64], lower: NDArray[np.int64]) -> "LipMarks":
-        """From lips [n, 3] at rest and which of their rows are upper and lower lip."""
+        """From lips [n, 3] mm at rest, and which of their rows are upper and lower lip."""
         x = lips[:, 0]
         pairs = inner_lip_pairs(lips[upper], lips[lower])
         pairs = np.stack([upper[pairs[:, 0]], lower[pairs[:, 1]]], 1)
@@ -90,7 +90,7 @@ def inner_lip_pairs(
 
 
 def envelope(audio: Floats) -> Doubles:  # [T * 1600] 48 kHz -> [T]
-    """The sound's 2-15 Hz amplitude envelope at the end of each frame (zero phase, for judging)."""
+    """The sound's 2-15 Hz amplitude envelope at the end of each frame (zero phase: not causal)."""
     from scipy.signal import butter, hilbert, sosfiltfilt
 
     low, high = ENVELOPE_BAND_HZ
@@ -102,7 +102,7 @@ def envelope(audio: Floats) -> Doubles:  # [T * 1600] 48 kHz -> [T]
 
 
 def highpassed(curve: Doubles, hz: float = 0.5) -> Doubles:  # [T] -> [T]
-    """What moves faster than `hz`, zero phase."""
+    """The curve high-passed at `hz`, zero phase."""
     from scipy.signal import butter, sosfiltfilt
 
     return np.asarray(sosfiltfilt(butter(2, hz, "highpass", fs=FPS, output="sos"), curve))
@@ -132,7 +132,7 @@ def closures(
     truth: Doubles,  # [T] mm
     closing: NDArray[np.bool_],  # [T] p, b or m sounds
 ) -> tuple[int, int]:
-    """How many shut lips of the truth the prediction shuts within +-2 frames, and of how many."""
+    """Number of closures that the prediction has within +-2 frames, and number in the truth."""
     found = total = 0
     for start, stop in runs(closing):
         window = slice(max(start - NEAR_FRAMES, 0), stop + NEAR_FRAMES)
@@ -143,7 +143,7 @@ def closures(
 
 
 def false_closures(opening: Doubles, truth: Doubles, vowels: NDArray[np.bool_]) -> tuple[int, int]:
-    """In how many open vowels of the truth the prediction shuts the lips, and of how many."""
+    """Number of open vowels in which the prediction shuts the lips, and number in the truth."""
     found = total = 0
     for start, stop in runs(vowels):
         if truth[start:stop].min() > OPEN_MM:
@@ -155,7 +155,7 @@ def false_closures(opening: Doubles, truth: Doubles, vowels: NDArray[np.bool_]) 
 def energy_distance(samples: Doubles, truth: Doubles) -> float:
     """Between two sets of motions [n, d] and [m, d]: 2 E|x - y| - E|x - x'| - E|y - y'|.
 
-    Zero only for equal distributions: a mean of all guesses scores badly, a true sampler well.
+    Zero only for equal distributions: predicting the mean scores badly, sampling scores well.
     """
 
     def mean_distance(a: Doubles, b: Doubles) -> float:

@@ -1,8 +1,8 @@
-"""What the paper's tables are made of: test segments and the codes each row gives for them.
+"""Rows of the paper's tables: test segments, and the codes of each model for them.
 
-Networks only; `app/eval/speech` turns codes into vertices and judges them. Segments have 100
-frames (the paper's), their audio features come from the whole clip, so that loudness has settled.
-Real recordings shorter than that (GRID: 3 s) are segments of their own, heard from the start.
+Networks only; `app/eval/speech` turns codes into vertices and compares them. Segments have 100
+frames (as in the paper); their audio features come from the whole clip, so that loudness has
+settled. Shorter recordings (GRID: 3 s) are segments of their own, heard from the start.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,13 +25,13 @@ from encoder.types import Floats
 
 TEACHER_STEPS = 40
 BATCH = 16  # segments at once
-LEVELS = 3  # frames of loudness that the energy-to-jaw baseline hears
+LEVELS = 3  # frames of loudness that the energy-to-jaw baseline uses
 Row = Callable[[int], Floats]  # seed of a sample -> codes [S, T, 256]
 
 
 @dataclass(frozen=True, eq=False)
 class Segment:
-    """100 frames of a test clip; of short recordings as many as all of them have."""
+    """T = 100 frames of a test clip; fewer where the recordings are shorter."""
 
     clip: Clip
     frames: slice
@@ -55,7 +55,7 @@ class Segment:
 
 
 def group_of(clip: Clip) -> str:
-    """What a test clip is judged with: freeform, sentence, its language, or the real speaker."""
+    """Group of a test clip in the tables: freeform, sentence, its language, or the real speaker."""
     if clip.kind == "language":  # voices are named engine-language+variant
         return f"language {clip.voice.split('-', 1)[-1].split('+')[0]}"
     return clip.voice if clip.truth == "tracked" else clip.kind or clip.truth
@@ -82,7 +82,7 @@ def held_out_segments(pack: Path, count: int, seed: int = 0) -> dict[str, list[S
 
 
 def joined(clips: Sequence[Clip]) -> Clip:
-    """Clips end to end, with the labels of the first."""
+    """Clips joined end to end, with the labels of the first."""
     names = ("audio", "rig", "gaze", "phones", "tongue")
     arrays = {name: np.concatenate([getattr(clip, name) for clip in clips]) for name in names}
     return replace(clips[0], **arrays)
@@ -94,7 +94,7 @@ def features(
 ) -> Tensor:  # [S, T, A]
     """`encode`: sound [800 T] of a clip from its start -> features [T, A].
 
-    ahead: hear so many frames later (after the clip: silence), for models with a lookahead.
+    ahead: frames of lookahead (silence after the end of the clip).
     """
     encoded: dict[int, Tensor] = {}
     for segment in segments:  # each clip once, up to its last segment
@@ -112,7 +112,7 @@ def features(
 
 
 def whole(encoder: AudioEncoder) -> Callable[[Tensor], Tensor]:
-    """For `features`: the encoder run over the clip in one piece."""
+    """For `features`: runs the encoder over a clip in one piece."""
     stack = stack_of(encoder.config)
     return lambda sound: stack(encoder(sound[None, :, None]))[0]
 
@@ -122,7 +122,7 @@ def true_gaze(segments: Sequence[Segment]) -> Tensor:  # [S, T, 6]
 
 
 def synthesised_gaze(count: int, frames: int, seed: int) -> Tensor:  # [S, T, 6]
-    """What the live path looks at, anew for each segment."""
+    """Gaze as the live path synthesises it, a new walk for each segment."""
     graph = GazeGraph.load()
     rows = [synthesise(graph, frames, 1000 * seed + index) for index in range(count)]
     return torch.from_numpy(np.stack(rows)).reshape(count, frames, 6)
@@ -138,7 +138,7 @@ def _codes(model: Denoiser, x0: Tensor) -> Floats:
 
 @torch.no_grad()
 def teacher_row(model: Denoiser, audio: Tensor, gaze: Tensor, guidance: Guidance) -> Row:
-    """40 DDIM steps, guided as the student was taught."""
+    """A row of 40 DDIM steps, with the guidance that the student was distilled from."""
     schedule = Schedule(model.config.num_steps)
     taus = ddim_taus(schedule.num_steps, TEACHER_STEPS)
     parts = list(zip(audio.split(BATCH), gaze.split(BATCH), strict=True))
@@ -157,7 +157,7 @@ def teacher_row(model: Denoiser, audio: Tensor, gaze: Tensor, guidance: Guidance
 
 
 def student_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
-    """One step at tau = N over the whole segment; without gaze, a synthesised one."""
+    """A row of one step at tau = N over the whole segment; gaze None: synthesised."""
 
     @torch.no_grad()
     def row(seed: int) -> Floats:
@@ -170,7 +170,7 @@ def student_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
 
 
 def without_outpainting_row(model: Denoiser, audio: Tensor, gaze: Tensor | None) -> Row:
-    """Frame by frame, with new noise for the whole past at every frame: nothing is kept."""
+    """A row made frame by frame, with new noise for the whole past each time: no outpainting."""
 
     @torch.no_grad()
     def row(seed: int) -> Floats:
@@ -191,7 +191,7 @@ def without_outpainting_row(model: Denoiser, audio: Tensor, gaze: Tensor | None)
 
 
 def loudness(audio: Floats) -> Floats:  # [800 T] -> [T, LEVELS]
-    """Level of each frame and of the ones before it, in units of 20 dB."""
+    """Level of each frame and of those before it, in units of 20 dB."""
     power = (audio.reshape(-1, PACK_SAMPLES_PER_FRAME) ** 2).mean(1)
     level = (np.log10(power + 1e-7) / 2 + 2).astype(np.float32)
     earlier = [np.concatenate([np.repeat(level[:1], k), level]) for k in range(LEVELS)]
@@ -199,7 +199,7 @@ def loudness(audio: Floats) -> Floats:  # [800 T] -> [T, LEVELS]
 
 
 def fit_energy_to_jaw(pack: Path, jaw: int, limit: int = 400) -> Floats:  # [2 * LEVELS + 1]
-    """Least squares of the jaw on loudness and its square, over training clips."""
+    """Least-squares fit of the jaw to loudness and its square, over training clips."""
     rows, targets = [], []
     for clip in iter_pack(pack, "train"):
         if clip.truth not in ("rules", "tracked") or clip.num_frames < SEGMENT_FRAMES:
@@ -220,7 +220,7 @@ def _energy_inputs(audio: Floats) -> Floats:
 
 
 def energy_to_jaw_rig(segments: Sequence[Segment], fit: Floats, jaw: int) -> Floats:
-    """The causal baseline: only the jaw moves, with loudness. [S, T, 53]"""
+    """Rigs [S, T, 53] of the causal baseline: only the jaw moves, with loudness."""
     rig = np.stack([np.zeros_like(segment.rig) for segment in segments])
     for index, segment in enumerate(segments):
         rig[index, :, jaw] = np.clip(_energy_inputs(segment.audio) @ fit, 0, 1)

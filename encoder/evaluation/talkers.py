@@ -1,7 +1,7 @@
-"""Figures of lips that follow a talker whom nothing was learned from: r, time, size, closures.
+"""Metrics of lips that follow a talker left out of training: r, timing, size, closures.
 
-Judged against tracked curves alone (encoder.capture.subjects/tracked.py), never against what the
-rules add to them. Lengths in mm on one avatar; judged by `livedrive eval speech --leave-one-out`.
+Compared with tracked curves alone (encoder/capture/subjects/tracked.py), never with what the rules
+add to them. Lengths in mm on one avatar; used by `livedrive eval speech --leave-one-out`.
 """
 
 from collections.abc import Callable, Sequence
@@ -19,7 +19,7 @@ NEAR_S = 2 / FPS  # that a closure may be early or late
 
 @dataclass(frozen=True, eq=False)
 class TalkerClip:
-    """A clip's lips [T, n, 3], shown and tracked, and its phones (none: not known)."""
+    """Lips [T, n, 3] mm of a clip, shown and tracked, and its phones (empty: unknown)."""
 
     shown: np.ndarray
     tracked: np.ndarray
@@ -27,7 +27,7 @@ class TalkerClip:
 
 
 def openings(takes: Sequence[TalkerClip], marks: LipMarks) -> list[tuple[Doubles, Doubles]]:
-    """Lips that press into each other are shut, no less."""
+    """Shown and tracked opening [T] mm of each clip; lips pressed together count as 0."""
     return [
         (np.maximum(marks.opening_mm(take.shown), 0), np.maximum(marks.opening_mm(take.tracked), 0))
         for take in takes
@@ -51,7 +51,7 @@ def correlation(
 
 
 def best_shift_ms(pairs: Sequence[tuple[Doubles, Doubles]]) -> tuple[float, float]:
-    """Where r is largest, and that r; above 0 the shown lips are late."""
+    """The shift with the largest r, and that r; above 0 the shown lips are late."""
     found = []
     for shift in SHIFTS_MS:
         moved = []
@@ -65,8 +65,8 @@ def best_shift_ms(pairs: Sequence[tuple[Doubles, Doubles]]) -> tuple[float, floa
 
 
 def closures(takes: Sequence[TalkerClip], marks: LipMarks) -> dict[str, tuple[int, int]]:
-    """p b m that are shown shut, and of how many: at the start of speech after a pause, and inside
-    of it."""
+    """p b m shown shut, and their number: at the start of speech after a pause, and within
+    speech."""
     counts = {"initial": [0, 0], "inside": [0, 0]}
     for take in takes:
         opening, times = marks.opening_mm(take.shown), (np.arange(len(take.shown)) + 1) / FPS
@@ -83,7 +83,7 @@ def closures(takes: Sequence[TalkerClip], marks: LipMarks) -> dict[str, tuple[in
 
 
 def figures(takes: Sequence[TalkerClip], marks: LipMarks) -> dict[str, float]:
-    """One talker's row of the table."""
+    """Metrics of one talker: a row of the table."""
     opening, width = openings(takes, marks), widths(takes, marks)
     shift, best = best_shift_ms(opening)
     high = [np.quantile(np.concatenate([pair[i] for pair in opening]), 0.95) for i in (0, 1)]

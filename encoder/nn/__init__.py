@@ -1,1 +1,1 @@
-"""What the networks share: streaming, attention, ONNX graphs, checkpoints."""
+"""Shared by all networks: streaming, attention, ONNX graphs, checkpoints."""

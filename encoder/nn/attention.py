@@ -29,7 +29,10 @@ def rotate(x: Tensor, cos: Tensor, sin: Tensor) -> Tensor:
 
 
 class Attention(nn.Module):
-    """Self-attention over the window; new frames attend to cached ones and to each other."""
+    """Self-attention over the window; new frames attend to cached ones and to each other.
+
+    `forward` returns the output [B, T, dim] and the keys and values [B, H, w + T, D] to cache.
+    """
 
     def __init__(self, dim: int, heads: int, kind: Literal["softmax", "linear"]) -> None:
         super().__init__()

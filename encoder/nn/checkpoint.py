@@ -1,8 +1,8 @@
 """Weights on disk: tensors in safetensors, everything else in a JSON card beside them.
 
-The card says what the tensors are (kind), the config that rebuilds the model, and a hash of the
-tensors, so that a wrong, cut or altered file is an error before anything runs. Matrices may lie
-there as int8 with a scale a row, just as the live path multiplies them. Needs no torch.
+The card holds the kind of the tensors, the config that rebuilds the model, and a hash of the
+tensors, so that a wrong, truncated or altered file is an error before anything runs. Matrices may
+be stored as int8 with a scale for each row, just as the live path multiplies them. Needs no torch.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ if TYPE_CHECKING:
     from torch import Tensor
 
 FORMAT = 1
-SCALE = ".int8_scale"  # of the matrix whose name stands before it
-MAX_ROUNDING = 0.02  # of a column's norm, in the mean; values of even size lose less than 0.01
-STAGES = {  # what a checkpoint is -> the stage of `livedrive train` that makes it
+SCALE = ".int8_scale"  # suffix to a matrix's name
+MAX_ROUNDING = 0.02  # mean rounding error, as a share of the column's norm; usual is below 0.01
+STAGES = {  # kind of a checkpoint -> the stage of `livedrive train` that makes it
     "audio": "audio",
     "centred": "audio",
     "diffusion": "diffusion",
@@ -41,7 +41,7 @@ Config = TypeVar("Config")
 
 
 def arrays(tensors: Mapping[str, Tensor | NDArray[Any]]) -> Weights:
-    """The tensors of a torch module, or arrays, as arrays."""
+    """Torch tensors or arrays, as arrays by the same names."""
     return {
         name: tensor if isinstance(tensor, np.ndarray) else tensor.detach().cpu().numpy()
         for name, tensor in tensors.items()
@@ -59,9 +59,9 @@ def tensors_sha256(tensors: Weights) -> str:
 
 
 def quantised(tensors: Mapping[str, Tensor | NDArray[Any]]) -> Weights:
-    """Matrices [rows, ...] as int8 and a scale [rows] beside them, each as the int8 path has it.
+    """Matrices [rows, ...] as int8, each with a float32 scale [rows], as the int8 path uses them.
 
-    Small ones, and those that int8 would change by more than MAX_ROUNDING, become float16.
+    Small matrices, and those that int8 would change by more than MAX_ROUNDING, become float16.
     """
     result: Weights = {}
     for name, array in arrays(tensors).items():
@@ -82,7 +82,10 @@ def quantised(tensors: Mapping[str, Tensor | NDArray[Any]]) -> Weights:
 
 
 def dequantised(tensors: Weights) -> Weights:
-    """The inverse of `quantised`, up to its rounding: all in float32 but integers."""
+    """The inverse of `quantised` up to rounding: float32, except for integer tensors.
+
+    Raises ValueError where the number of scales does not match the rows.
+    """
     result: Weights = {}
     for name, array in tensors.items():
         scale = tensors.get(name + SCALE)
@@ -99,7 +102,10 @@ def dequantised(tensors: Weights) -> Weights:
 def save(
     path: Path | str, tensors: Mapping[str, Tensor | NDArray[Any]], card: Mapping[str, Any]
 ) -> None:
-    """Write `path`.safetensors and `path`.json; the card needs "kind" and "config"."""
+    """Write `path`.safetensors and `path`.json.
+
+    Raises InputError unless the card has a known "kind" and a "config".
+    """
     from safetensors.numpy import save as to_bytes
 
     if card.get("kind") not in STAGES or "config" not in card:
@@ -116,12 +122,15 @@ def save(
 
 
 def write_card(path: Path, card: Mapping[str, Any]) -> None:
-    """`path`.json as a whole or not at all."""
+    """Write `path`.json, as a whole or not at all."""
     files.write_text(path.with_name(path.name + ".json"), json.dumps(card, indent=1) + "\n")
 
 
 def load(path: Path | str, *kinds: str) -> tuple[Weights, dict[str, Any]]:
-    """Read and verify `path`.safetensors + `path`.json of one of `kinds` -> arrays, card."""
+    """Read and verify `path`.safetensors and `path`.json of one of `kinds` -> arrays, card.
+
+    Raises InputError where a file is missing, damaged, or of another kind.
+    """
     from safetensors import SafetensorError
     from safetensors.numpy import load as from_bytes
 
@@ -138,7 +147,7 @@ def load(path: Path | str, *kinds: str) -> tuple[Weights, dict[str, Any]]:
     except (ValueError, SafetensorError, KeyError) as error:  # KeyError: a type numpy lacks
         raise fail("readable files", error) from error
     if not isinstance(card, dict) or card.get("format") != FORMAT:
-        raise fail(f"a card of format {FORMAT}", "another")
+        raise fail(f"a card of format {FORMAT}", "another format")
     if card.get("kind") not in kinds:
         raise fail(f"kind {' or '.join(map(repr, kinds))}", repr(card.get("kind")))
     if card.get("sha256") != tensors_sha256(tensors):
@@ -152,11 +161,11 @@ def load(path: Path | str, *kinds: str) -> tuple[Weights, dict[str, Any]]:
 def check_shapes(
     weights: Weights, shapes: Mapping[str, tuple[int, ...]], path: Path, kind: str
 ) -> None:
-    """InputError of one line unless `weights` have just these names and shapes."""
+    """Raises InputError unless `weights` have exactly these names and shapes."""
     got = {name: array.shape for name, array in weights.items()}
     if got != shapes:
         odd = sorted(k for k in shapes.keys() | got.keys() if shapes.get(k) != got.get(k))
-        others = f"other names or shapes ({', '.join(odd[:3])}, ...)"
+        others = f"other names or shapes ({', '.join(odd[:3])}{', ...' * (len(odd) > 3)})"
         raise _error(path, "the tensors of its config", others, kind)
 
 
@@ -166,9 +175,10 @@ def _error(path: Path, expected: str, got: object, kind: str) -> InputError:
 
 
 def config_from(kind: type[Config], values: Mapping[str, Any]) -> Config:
-    """Build a config dataclass from a card's JSON; an unknown key is an error naming close ones.
+    """Build a config dataclass from a card's JSON; a nested object is a config of the same kind.
 
-    What is a table in it is a config of the same kind."""
+    Raises InputError at an unknown key, naming close matches.
+    """
     names = [field.name for field in fields(kind)]  # type: ignore[arg-type]
     for key in values:
         if key not in names:

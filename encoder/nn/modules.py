@@ -15,7 +15,10 @@ Module = TypeVar("Module", bound=nn.Module)
 
 
 def fill(module: Module, weights: Weights, path: Path, kind: str) -> Module:
-    """`module` with these weights, ready for inference; InputError where they are another's."""
+    """Load weights into a module and set it to inference mode.
+
+    Raises InputError where names or shapes do not match.
+    """
     shapes = {name: tuple(tensor.shape) for name, tensor in module.state_dict().items()}
     check_shapes(weights, shapes, path, kind)
     module.load_state_dict({name: torch.from_numpy(array) for name, array in weights.items()})

@@ -1,7 +1,7 @@
 """A builder of ONNX graphs: one tick of a network (graph.py of audio, denoiser and eyes).
 
-Everything constant is folded before it gets here. Weights have 8 bits with one scale a column,
-activations are quantised when they arrive (paper section 4.3).
+Constants are folded by the caller. Weights have 8 bits with one scale for each column, activations
+are quantised at run time (paper section 4.3).
 """
 
 from __future__ import annotations
@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from onnx import ModelProto
 
 Array = NDArray[Any]
-# Of products: the same numbers, signed or 128 more (onnx_session.eight_bits); None: float32.
+# Type of the weights in products: signed, or the same plus 128 (onnx_session.eight_bits); None:
+# float32.
 Bits = Literal["int8", "uint8"] | None
 MIN_INT8_INPUTS = 64  # shorter products gain nothing and lose accuracy
 
@@ -53,7 +54,7 @@ class Graph:
         if exact or not self.bits or weight.shape[0] < MIN_INT8_INPUTS:
             return self.op("Gemm", x, self.const(weight), self.const(bias))
         scale = np.maximum(np.abs(weight).max(0), 1e-12) / 127
-        zero, where = 0, ""  # none: a zero point costs the signed ones a twentieth of their time
+        zero, where = 0, ""  # a zero point would make signed products a twentieth slower
         if self.bits == "uint8":
             zero, where = 128, self.const(np.array(128, np.uint8))
         quantised = (np.rint(weight / scale) + zero).astype(self.bits)

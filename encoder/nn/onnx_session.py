@@ -1,7 +1,7 @@
 """ONNX Runtime sessions: the only module that imports onnxruntime, with its telemetry off.
 
-Its official builds send usage events to Microsoft and keep a device id under ~/.cache/Microsoft.
-They read the switch once, while the library loads.
+Official builds of ONNX Runtime send usage events to Microsoft and keep a device id under
+~/.cache/Microsoft. They read the switch once, while the library loads.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def session(model: ModelProto | Path) -> Any:
-    """An ONNX Runtime session on one thread that does not spin."""
+    """An ONNX Runtime session of a model or a file, on one thread that does not spin."""
     os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, whatever the user has set
     import onnxruntime
 

@@ -1,8 +1,8 @@
-"""The streaming contract that every causal module keeps, and the causal convolution under them.
+"""The streaming contract of every causal module, and the causal convolution they are built of.
 
 A module runs on a whole sequence with `forward` or piece by piece with `step`; both give the same
 numbers. State is a value: `step` returns a new one and never writes into the old one.
-Where: everything between raw samples and the expression code (paper section 4.3, "causality").
+Used by everything between raw samples and the expression code (paper section 4.3, "causality").
 """
 
 from __future__ import annotations
@@ -15,12 +15,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 State = dict[str, Tensor]
-LONG = 160  # outputs at once, from which on the library's convolution is faster
+LONG = 160  # from this number of outputs on, the library's convolution is faster
 
 
 @runtime_checkable
 class Streamable(Protocol):
-    """block_size: `step` takes a multiple of this many input items.
+    """A module with state, run piece by piece or at once.
+
+    block_size: `step` takes a multiple of this many input items.
     ratio: output items per input item; after n inputs at least floor(n * ratio) outputs exist.
     delay: output k depends on inputs up to ceil((k + 1) / ratio) - 1 - delay and on no later one.
     """
@@ -37,9 +39,9 @@ class Streamable(Protocol):
 
 
 class CausalConv(nn.Conv1d):
-    """A convolution that sees only the past: its state is the last span - stride inputs.
+    """A convolution that sees only the past; its state is the last span - stride inputs.
 
-    Before the stream starts the inputs are zeros.
+    Inputs before the start of the stream are zeros.
     """
 
     @property
@@ -56,8 +58,8 @@ class CausalConv(nn.Conv1d):
         if x.shape[-1] > LONG * self.stride[0] + self.context:
             y = functional.conv1d(x, self.weight, self.bias, self.stride, 0, self.dilation)
             return y, kept
-        # A tick is short: one product of its windows, where PyTorch's dilated convolution of 4
-        # frames takes 1 ms on one thread, this 0.1. (For whole clips it is the slower way.)
+        # A tick is short: one product of its windows takes 0.1 ms on one thread, where PyTorch's
+        # dilated convolution of 4 frames takes 1 ms. (For whole clips this way is slower.)
         span = self.context + self.stride[0]
         windows = x.unfold(-1, span, self.stride[0])[..., :: self.dilation[0]]  # [B, C, T', k]
         rows = windows.transpose(1, 2).flatten(2)
@@ -66,7 +68,8 @@ class CausalConv(nn.Conv1d):
 
 
 class Buffered(nn.Module):
-    """Lets a module with a block size take any number of items: the rest waits in the state."""
+    """Lets a module with a block size take any number of items [B, T, C]; the rest waits in the
+    state."""
 
     block_size = 1
 
