@@ -11,7 +11,7 @@ from app.eval.emotion.settings import EmotionSettings
 from app.eval.eyes.evaluate import EyesSettings
 from app.eval.head import HeadSettings
 from app.eval.prior import PriorSettings
-from app.eval.speech.evaluate import SpeechSettings
+from app.eval.speech.settings import SpeechSettings
 
 
 @dataclass(kw_only=True)
@@ -25,6 +25,10 @@ class EvalSpeech:
     def run(self) -> None:
         if self.settings.leave_one_out:
             from app.eval.speech.leave_out import evaluate
+        elif self.settings.peers:
+            from app.eval.speech.baselines import evaluate
+        elif self.settings.ablations:
+            from app.eval.speech.ablations import evaluate
         else:
             from app.eval.speech.evaluate import evaluate
 

@@ -7,7 +7,7 @@ from typing import Literal
 from tyro.conf import Positional
 
 from app.terminal.arguments import Amount, File, Number
-from app.train.settings import Preset, Stage, TrainSettings, Variant
+from app.train.settings import Baseline, Preset, Stage, TrainSettings, Variant
 
 
 @dataclass(kw_only=True)
@@ -24,10 +24,14 @@ class Train:
     preset: Preset = "default"
     """Sizes and steps: debug (seconds), default (what ships) or paper."""
     variant: Variant = "none"
-    """An ablation of the paper, kept in a folder of its own under --data: a `centred` audio
+    """An ablation of the paper, kept in a folder of its own under --data: a student with nothing
+    left out (`plain`), a `centred` audio
     encoder, an `offline` teacher with full attention, regression with a `lookahead` of 5 frames,
     a loss left out (`no-...`), jitter not normalised (`plain-jitter`), or, for emotion, all
     weights trained instead of the added layer (`fine-tune`, `fine-tune-lip` with L_lip)."""
+    name: Baseline | None = None
+    """peers: which of the paper's baselines (table 1) to train a twin of; it goes to DATA/peers,
+    for `eval speech --peers`."""
     leave_out: tuple[str, ...] = ()
     """diffusion, distill, listen, contact: talkers to keep out of training, e.g. grid-s2; weights
     go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
@@ -76,6 +80,7 @@ class Train:
                 stage=self.stage,
                 preset=self.preset,
                 variant=self.variant,
+                name=self.name,
                 leave_out=self.leave_out,
                 teacher=self.teacher,
                 phones=self.phones,

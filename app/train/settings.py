@@ -6,13 +6,15 @@ from typing import Literal
 
 Stage = Literal[
     "prior", "audio", "diffusion", "distill", "listen", "contact", "regression", "gaze", "eyes",
-    "wide-eyes", "multimodal", "emotion",
+    "wide-eyes", "multimodal", "emotion", "peers",
 ]  # fmt: skip
 Variant = Literal[
-    "none", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
+    "none", "plain", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter",
+    "no-dmd",
     "fine-tune", "fine-tune-lip", "no-lip",
 ]  # fmt: skip
 Preset = Literal["debug", "default", "paper"]
+Baseline = Literal["talkshow", "audio2photoreal", "diffposetalk"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,6 +24,7 @@ class TrainSettings:
     stage: Stage
     preset: Preset = "default"
     variant: Variant = "none"  # an ablation of the paper
+    name: Baseline | None = None  # of the stage peers: whose twin
     leave_out: tuple[str, ...] = ()  # talkers whose motion is not learned from
     teacher: Path | None = None  # of the audio stage: the viseme network's ONNX file
     phones: Path | None = None  # of the stage listen: folder of a phonetic encoder

@@ -2,9 +2,9 @@
 
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
-from app.train.settings import TrainSettings
+from app.train.settings import Baseline, TrainSettings
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 # variant: overrides of each stage that it changes
 VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
+    "plain": {"distill": {}},  # nothing left out, kept under --data beside the ablations
     "centred": {"audio": {"centred": True}, "diffusion": {}, "distill": {}, "regression": {}},
     "offline": {"diffusion": {}},
     "no-velocity": {"diffusion": {"velocity_weight": 0.0}, "distill": {"velocity_weight": 0.0}},
@@ -38,12 +39,13 @@ def run_stage(settings: TrainSettings) -> None:
     from encoder.training.parallel import local_device
 
     overrides = _overrides(settings)
+    _check_name(settings)
     torch.set_num_threads(1)
     folder = settings.data if settings.variant == "none" else settings.data / settings.variant
     if settings.leave_out:
         folder = settings.data / "leave_out" / "+".join(settings.leave_out)
     run = RunSettings(
-        state=folder / f"{settings.stage}_state",
+        state=folder / f"{settings.name or settings.stage}_state",
         seed=settings.seed,
         resume=settings.resume,
         device=local_device(settings.device),
@@ -81,6 +83,9 @@ def _run_motion(
         _run_listen(settings, folder, run, overrides)
         return
     streams = _streams(settings, folder)
+    if settings.stage == "peers":
+        _run_peer(settings, streams, run, overrides)
+        return
     if settings.stage == "contact":
         weights, name = _weights(settings), "student"
         if settings.leave_out:
@@ -94,7 +99,7 @@ def _run_motion(
         contact.run(config, face())
         return
     if settings.stage == "distill":
-        teacher = folder if settings.variant != "no-dmd" else settings.data
+        teacher = settings.data if settings.variant in ("plain", "no-dmd") else folder
         shipped = settings.variant == "none" and not settings.leave_out
         student = _weights(settings) if shipped else folder
         config = distill.preset(
@@ -115,6 +120,20 @@ def _run_motion(
         overrides["denoiser"] = replace(sizes, causal=False)
     config = diffusion.preset(settings.preset, streams=streams, output=output, run=run, **overrides)
     diffusion.run(config, face())
+
+
+def _run_peer(
+    settings: TrainSettings, streams: Path, run: "RunSettings", overrides: dict[str, Any]
+) -> None:
+    from app.face.losses import face
+    from encoder.training.stages import peers
+
+    assert settings.name is not None
+    config = peers.preset(
+        settings.preset, streams=streams, output=settings.data / "peers" / settings.name, run=run,
+        peer=peers.sized(settings.name, settings.preset), **overrides,
+    )  # fmt: skip
+    peers.run(config, face())
 
 
 def _run_listen(
@@ -163,6 +182,16 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
     return overrides
 
 
+def _check_name(settings: TrainSettings) -> None:
+    known = ", ".join(get_args(Baseline))
+    if settings.stage == "peers" and settings.name is None:
+        raise InputError(f"train peers: expected --name and one of {known}, got none; give one")
+    if settings.stage != "peers" and settings.name is not None:
+        raise InputError(
+            f"--name {settings.name}: expected the stage peers, got {settings.stage}; leave it away"
+        )
+
+
 def _weights(settings: TrainSettings) -> Path:
     from encoder.inference import WEIGHTS
 
@@ -195,7 +224,8 @@ def _streams(settings: TrainSettings, folder: Path) -> Path:
 
 def _words(settings: TrainSettings) -> str:
     variant = f" --variant {settings.variant}" if settings.variant != "none" else ""
-    return f"livedrive train {settings.stage} --preset {settings.preset}{variant}"
+    name = f" --name {settings.name}" if settings.name else ""
+    return f"livedrive train {settings.stage}{name} --preset {settings.preset}{variant}"
 
 
 def _commit() -> str:

@@ -36,6 +36,7 @@ STAGES = {  # kind of a checkpoint -> the stage of `livedrive train` that makes 
     "student": "distill",
     "eyes": "eyes",
     "emotion": "emotion",
+    "peer": "peers",
 }
 Config = TypeVar("Config")
 

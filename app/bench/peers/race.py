@@ -35,7 +35,7 @@ def measure_peers(seed: int) -> dict[str, Any]:
     from rich.table import Table
     from tqdm import tqdm
 
-    from app.bench.peers.table import PEERS
+    from app.bench.peers.table import PEERS, QUOTED
     from app.terminal.console import console
 
     metrics: dict[str, Any] = {}
@@ -43,22 +43,27 @@ def measure_peers(seed: int) -> dict[str, Any]:
         metrics[name] = _streamed(networks, seed, int8=int8)
     for peer in tqdm(PEERS, unit="peer", disable=None):
         metrics[peer.name] = _raced(peer, seed)
+    for quoted in QUOTED:  # nothing is known of what it takes to compute
+        metrics[quoted.name] = _row(quoted.waits_s, 0.0, causal=False)
+        del metrics[quoted.name]["computes_ms"]
     ours = metrics["ours, 32 bits"]["live_ms"]
     table = Table(
         "first frame from new sound", "waits ms", "computes ms", "live ms", "x ours", "causal"
     )
     for name, row in metrics.items():
         row["times_ours"] = row["live_ms"] / ours
-        cells = [f"{row[key]:,.1f}" for key in ("waits_ms", "computes_ms", "live_ms")]
+        shown = (row.get(key) for key in ("waits_ms", "computes_ms", "live_ms"))
+        cells = ["-" if value is None else f"{value:,.1f}" for value in shown]
         cells.append(f"x {row['times_ours']:,.1f}")
         table.add_row(name, *cells, "yes" if row["causal"] else "no")
     console().print(table)
-    fastest = min(metrics[peer.name]["live_ms"] for peer in PEERS)
+    fastest = min(metrics[peer.name]["live_ms"] for peer in (*PEERS, *QUOTED))
     return {
         "metrics": {
             f"{name}/{k}": value for name, row in metrics.items() for k, value in row.items()
         },
         "peers": [{k: v for k, v in asdict(peer).items() if k != "stages"} for peer in PEERS],
+        "quoted": [asdict(peer) for peer in QUOTED],
         "bars": [at_most("ours over the fastest peer", ours / fastest, MAX_RATIO)],
     }
 

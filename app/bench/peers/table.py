@@ -42,6 +42,15 @@ class Peer:
     source: str
 
 
+@dataclass(frozen=True)
+class QuotedPeer:
+    """One that is not run: what its makers state it hears beyond a frame."""
+
+    name: str
+    waits_s: float
+    source: str
+
+
 def _audio(frames: int, seconds: float = SECONDS) -> Stage:
     return Stage(lambda: Wav2Vec2(frames), ((1, int(seconds * RATE)),))
 
@@ -130,3 +139,12 @@ PEERS = (
         "Chu et al. 2025",
     ),
 )  # fmt: skip
+
+QUOTED = (
+    QuotedPeer(
+        "NVIDIA Audio2Face-3D, quoted",
+        4160 / RATE,
+        "NVIDIA/Audio2Face-3D-Training-Framework, docs/config_details.md: buffer_len 8320, "
+        "buffer_ofs 4160 samples at 16 kHz, so a frame lies in the middle of what it hears",
+    ),
+)

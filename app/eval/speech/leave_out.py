@@ -18,7 +18,7 @@ import numpy as np
 from sensors.types import InputError
 
 if TYPE_CHECKING:
-    from app.eval.speech.evaluate import SpeechSettings
+    from app.eval.speech.settings import SpeechSettings
     from encoder.capture.made import Take
     from encoder.driver import Driver
     from encoder.evaluation.judging import FaceMesh

@@ -12,6 +12,7 @@ COLUMNS = (
     ("power", "syllable_power_ratio"), ("blinks/min", "blinks_per_minute"),
 )  # fmt: skip
 GT, SYNTHESISED, LIVE = "recorded gaze", "synthesised gaze", "live"
+OFFLINE = "offline"  # hears the whole clip at once
 
 
 def show(tables: dict[str, dict[str, dict[str, Metrics]]]) -> None:

@@ -30,6 +30,7 @@ from encoder.training.geometry import (
     spread_loss,
     velocity_loss,
 )
+from encoder.training.peers.parts import PeerNetwork
 from encoder.training.presets import Presets
 from encoder.training.streams.streams import AHEAD, GAZE_SCALE, Streams
 from encoder.training.streams.whitening import Whitening
@@ -89,7 +90,7 @@ def weighted_error(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
     return ((predicted - truth).square().mean(-1) * weight).mean()
 
 
-def fit_scale(model: Denoiser, codes: np.ndarray) -> None:
+def fit_scale(model: Denoiser | PeerNetwork, codes: np.ndarray) -> None:
     """Standardise by the training codes; a constant code keeps a small spread instead of none."""
     flat = codes.reshape(-1, codes.shape[-1]).astype(np.float64)
     std = flat.std(0)

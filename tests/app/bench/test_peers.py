@@ -9,7 +9,7 @@ from torch import Tensor, nn  # noqa: E402
 
 from app.bench.peers import race  # noqa: E402
 from app.bench.peers.parts import Convolutions, SequenceDecoder, VectorQuantised, encoder  # noqa: E402
-from app.bench.peers.table import PEERS, Peer, Stage  # noqa: E402
+from app.bench.peers.table import PEERS, QUOTED, Peer, Stage  # noqa: E402
 from encoder.audio import config as audio  # noqa: E402
 from encoder.backends import Networks  # noqa: E402
 from encoder.denoiser import config as denoiser  # noqa: E402
@@ -72,3 +72,15 @@ def test_every_peer_says_where_it_is_from() -> None:
     names = [peer.name for peer in PEERS]
     assert len(set(names)) == len(names)
     assert all(peer.source and peer.schedule and peer.stages for peer in PEERS)
+
+
+def test_what_is_quoted_is_not_run_but_counts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(race, "_ours", lambda seed: [("ours, 32 bits", None, False)])
+    monkeypatch.setattr(race, "_streamed", lambda *a, **k: race._row(0.0, 0.003, causal=True))
+    monkeypatch.setattr(race, "_raced", lambda *a: race._row(0.0, 9.0, causal=False))
+    report = race.measure_peers(0)
+    name = QUOTED[0].name
+    assert report["metrics"][f"{name}/waits_ms"] == report["metrics"][f"{name}/live_ms"] == 260
+    assert f"{name}/computes_ms" not in report["metrics"]
+    assert report["quoted"][0]["source"]
+    assert report["bars"][0]["value"] == pytest.approx(3 / 260, abs=1e-3)  # rounded
