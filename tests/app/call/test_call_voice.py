@@ -12,8 +12,8 @@ from app.call.media import speed
 from app.call.media.opus import LOOK_AHEAD, PACKET, OpusDecoder, OpusEncoder
 from app.call.media.timeline import Timeline
 from app.call.media.voice import PULL, VoiceTrack
-from app.call.trial.judge import WINDOW, _middle
 from app.call.trial.material import synthetic_material
+from app.call.trial.track import WINDOW, matches
 from app.call.wire.agreement import Hello
 from app.call.wire.packet import Packer, Tick
 
@@ -76,8 +76,8 @@ def test_sound_is_heard_when_the_timeline_says() -> None:
         sound = np.concatenate(heard[at : at + 40])
         begin = int(media[at]) - LOOK_AHEAD - 2000
         said = SPEECH[begin : begin + 4000 + len(sound)].astype(float)
-        lag = _middle(sound[:WINDOW].astype(float), said)
-        assert lag is not None and abs(lag - WINDOW / 2 - 2000) < 48  # 1 ms
+        middles, _ = matches(sound[:WINDOW].astype(float), said)
+        assert abs(middles[0] - WINDOW / 2 - 2000) < 48  # 1 ms
 
 
 @pytest.mark.parametrize("rate", [0.98, 1.0, 1.0003, 1.02])
