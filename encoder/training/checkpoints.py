@@ -1,4 +1,4 @@
-"""Checkpoints as torch modules, in full precision: where stages and evaluations begin."""
+"""Checkpoints as torch modules in full precision, for training stages and evaluations."""
 
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ Card = dict[str, Any]
 
 
 def load_encoder(path: Path) -> AudioEncoder:
-    """An audio encoder of either kind."""
+    """The audio encoder of a checkpoint, causal or centred."""
     weights, card = load(path, "audio", "centred")
     config = config_from(AudioEncoderConfig, card["config"])
     kind = CentredEncoder if card["kind"] == "centred" else AudioEncoder
@@ -33,7 +33,7 @@ def load_denoiser(path: Path, *kinds: str) -> tuple[Denoiser, Card]:
 
 
 def load_zero_convs(path: Path) -> tuple[ZeroConvs, Card]:
-    """Those of a checkpoint, whatever student they extend."""
+    """The zero convolutions of a checkpoint and its card, whatever student they extend."""
     weights, card = load(path, "emotion")
     return fill(
         ZeroConvs(config_from(ZeroConvConfig, card["config"])), weights, path, card["kind"]

@@ -1,4 +1,4 @@
-"""The clips of a data pack, and what the frozen audio encoder hears in them."""
+"""The clips of a data pack, and their features from the frozen audio encoder."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from encoder.capture.dataset import Clip, read_pack
 
 
 def grouped(pack: Path, split: str) -> dict[str, list[Clip]]:
-    """The clips of a split by their kind of truth."""
+    """The clips of a split, by kind of truth."""
     groups: dict[str, list[Clip]] = {}
     for clip in read_pack(pack, split):
         groups.setdefault(clip.truth, []).append(clip)
@@ -19,8 +19,8 @@ def grouped(pack: Path, split: str) -> dict[str, list[Clip]]:
 
 
 def pick(clips: list[Clip], truth: str, rng: np.random.Generator) -> Clip:
-    """A random clip. Tracked ones by voice first, as the root of how many clips it has: nearly all
-    are of one speaker, and it is other voices that are hard."""
+    """A random clip. For tracked ones the voice is drawn first, with a probability that grows with
+    the root of its number of clips: nearly all clips are of one speaker, other voices are hard."""
     if truth == "tracked":
         voices, counts = np.unique([clip.voice for clip in clips], return_counts=True)
         share = np.sqrt(counts) / np.sqrt(counts).sum()
@@ -30,5 +30,5 @@ def pick(clips: list[Clip], truth: str, rng: np.random.Generator) -> Clip:
 
 
 def stacked(encoder: AudioEncoder, audio: Tensor) -> Tensor:
-    """[B, 800 T] at 24 kHz -> audio_features [B, T, A]: the features of each frame."""
+    """Sound [B, 800 T] at 24 kHz -> audio features [B, T, A] of each frame."""
     return stack_of(encoder.config)(encoder(audio[..., None]))

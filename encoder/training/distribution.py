@@ -1,4 +1,4 @@
-"""Losses of distillation: the teacher's distribution, and the mouth of the truth (section 4.2)."""
+"""Losses of distillation: the teacher's distribution, the truth's mouth (paper section 4.2)."""
 
 import torch
 from torch import Tensor
@@ -28,9 +28,9 @@ def dmd_loss(
 def mouth_error(
     student: Denoiser, z: Tensor, codes: Tensor, weight: Tensor, face: TrainingFace
 ) -> Tensor:
-    """Weighted squared error of what moves the mouth, in units of `z`.
+    """Weighted squared error of the part of the codes that moves the mouth, in units of `z`.
 
-    Nobody can tell from sound when a blink comes, and a mean of blinks is none.
+    Sound does not tell when a blink comes, and the mean of blinks is no blink: lids are left out.
     """
     error = face.mouth(student.unstandardise(z) - codes) / student.expression_std
     return (error.square().mean(-1) * weight).mean()

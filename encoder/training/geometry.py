@@ -11,17 +11,17 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-NEAR_MM = 1.0  # a gap of the inner lips at which they are hardly apart
-NEAR_FRAMES = 2  # that a closure may be early or late
+NEAR_MM = 1.0  # gap of the inner lips at which they are nearly shut
+NEAR_FRAMES = 2  # by which a closure may be early or late
 SHUT_WEIGHT = 1.0  # of a missed closure, on top of the 1 of a false one
-REST_FRAMES = 7  # together for so long before and after: not speaking
+REST_FRAMES = 7  # shut for so long before and after: not speaking
 REST_WEIGHT = 0.3  # per mm
-JITTER_FLOOR_MM = 0.5  # per frame^3; 0.5 mm is what a jaw of 5 mm swings at 2 Hz
+JITTER_FLOOR_MM = 0.5  # per frame^3; a jaw that swings 5 mm at 2 Hz has 0.5
 
 
 @dataclass(frozen=True)
 class TrainingFace:
-    """The frozen decoder, as far as training needs it."""
+    """The parts of the frozen decoder that training needs, as callables."""
 
     rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
     vertices: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, V, 3] mm
@@ -67,9 +67,10 @@ def jitter_loss(
 
 
 def spread_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
-    """Vertices [B, T, V, 3] mm -> error of each vertex's spread over the clip, mm^2 (not paper).
+    """Vertices [B, T, V, 3] mm -> error of each vertex's spread over the clip, mm^2 (not in the
+    paper).
 
-    A squared error alone makes a timid mouth, which moves as far as it is sure; this asks it to
+    A squared error alone makes a mouth move too little, as far as it is certain; this loss makes it
     move as far as the truth does, and not at all where the truth rests.
     """
     spreads = [(v.var(dim=1, correction=0).sum(-1) + 1e-4).sqrt() for v in (predicted, truth)]
@@ -82,19 +83,19 @@ def closeness(gaps: Tensor) -> Tensor:  # [B, T, P, 3] mm -> [B, T]
 
 
 def closest(gaps: Tensor) -> Tensor:  # [B, T, P, 3] mm -> [B, T]
-    """How near the lips come within NEAR_FRAMES."""
+    """The largest closeness within NEAR_FRAMES."""
     return functional.max_pool1d(closeness(gaps), 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES)
 
 
 def contact_loss(predicted: Tensor, truth: Tensor) -> Tensor:
-    """Gaps of the inner lips [B, T, P, 3] mm -> how far shut lips are missed, 0..1 (not paper).
+    """Gaps of the inner lips [B, T, P, 3] mm -> how far closures are missed, 0..1 (not in the
+    paper).
 
-    A squared error of the codes settles for half open lips wherever a closure is likely but not
-    sure, and when it comes is never sure. So closeness is compared as the nearest within
-    NEAR_FRAMES: a closure two frames late is one. Lips that are open in either are left alone, and
-    with them the mean opening. (A distance of the gaps, nine times heavier where they are shut,
-    made free speech open by 3.4 mm instead of 5.4.)
-    Lips at rest stay where they are: theirs is a distance, not squared, or they wander.
+    A squared error of the codes leaves lips half open wherever a closure is likely, since its time
+    is never certain. So the largest closeness within NEAR_FRAMES is compared: a closure two frames
+    late counts. Lips that are open in both are left alone, and so is the mean opening. (A distance
+    of the gaps, nine times heavier where they are shut, made free speech open by 3.4 mm instead of
+    5.4.) For lips at rest it is an absolute distance, since under a squared one they drift.
     """
     shut, wanted = closest(predicted), closest(truth)
     missed = (shut - wanted).square() * (1 + SHUT_WEIGHT * wanted)

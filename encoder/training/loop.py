@@ -1,7 +1,7 @@
-"""What all stages share: a resumable loop with moving averages, mixed precision and many processes.
+"""The training loop of all stages: resumable, with moving averages, mixed precision, processes.
 
 A run's state is ONE safetensors file (weights, averages, optimiser; step and loss curve as JSON in
-its header), replaced as a whole: killed at any moment, the last one is good.
+its header), replaced as a whole: after a kill at any moment the last one is valid.
 """
 
 import json
@@ -31,7 +31,7 @@ StepLosses = Callable[[int, np.random.Generator], Losses]  # (step, its random s
 
 @dataclass(frozen=True, kw_only=True)
 class RunSettings:
-    """How a stage runs, whatever it trains."""
+    """How a stage runs: files, device, precision; independent of what it trains."""
 
     state: Path  # without suffix
     seed: int = 0
@@ -40,10 +40,10 @@ class RunSettings:
     precision: Literal["float32", "bfloat16"] = "float32"  # of the networks' products
     compile: bool = False  # torch.compile: fused kernels, minutes to start
     average: float = 0.999  # decay of the moving average (EMA) that is written at the end
-    note: tuple[tuple[str, str], ...] = ()  # goes into the card: command, commit, ...
+    note: tuple[tuple[str, str], ...] = ()  # for the card: command, commit, ...
 
     def card(self, metrics: Mapping[str, float], curve: "Curve") -> dict[str, Any]:
-        """The part of a checkpoint's card that every stage has."""
+        """The part of a checkpoint's card that is common to all stages."""
         rounded = {key: round(value, 5) for key, value in metrics.items()}
         return {"seed": self.seed, "metrics": rounded, "curve": curve, **dict(self.note)}
 
@@ -60,7 +60,7 @@ def cosine(step: int, steps: int, peak: float, warmup: int = 50) -> float:
 
 
 def halved(tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
-    """Matrices as float16, to ship small; vectors and statistics keep their precision."""
+    """Matrices as float16, to save space; vectors and statistics keep their precision."""
     return {
         name: tensor.half() if tensor.is_floating_point() and tensor.ndim > 1 else tensor
         for name, tensor in tensors.items()
@@ -87,13 +87,13 @@ class Average:
 
     @torch.no_grad()
     def use(self) -> None:
-        """Put the averages where the parameters are."""
+        """Copy the averages into the parameters."""
         for parameter, value in zip(self.parameters, self.values, strict=True):
             parameter.copy_(value)
 
 
 class _State:
-    """What a run is at a step, to and from its file."""
+    """State of a run at a step, saved to and loaded from its file."""
 
     def __init__(
         self, modules: Mapping[str, nn.Module], optimizer: torch.optim.Optimizer, decay: float

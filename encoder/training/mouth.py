@@ -1,4 +1,4 @@
-"""The mouth's part of a code as a few numbers, in which what hears phones is trained."""
+"""The mouth's part of a code as a few numbers; the direct path is trained in them."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ from encoder.training.geometry import TrainingFace
 
 @dataclass(frozen=True)
 class Mouth:
-    """What of a code is the mouth, as MOUTH numbers that are all 0 at rest."""
+    """Maps between codes and the mouth: MOUTH numbers, all 0 at rest."""
 
     face: TrainingFace
     read: np.ndarray  # [256, MOUTH]
@@ -49,8 +49,8 @@ class Mouth:
         return mouth @ torch.from_numpy(self.write)
 
     def widened(self, truth: Tensor, gain: float) -> Tensor:
-        """[MOUTH, MOUTH] -> lips are wider and narrower by `gain` at the same opening, in the way
-        that true mouths [N, MOUTH] are."""
+        """Map [MOUTH, MOUTH] that scales the width of the lips by `gain` at the same opening, along
+        the direction in which true mouths [N, MOUTH] widen."""
         spans = self.spans(truth)
         ways = torch.linalg.lstsq(spans - spans.mean(0), truth - truth.mean(0)).solution
         way = ways[1]  # [M] widens by one mm and opens by none

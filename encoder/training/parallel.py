@@ -1,7 +1,8 @@
-"""Data parallel training under `torchrun`: one process a GPU, or a few gloo processes on CPUs.
+"""Data-parallel training under `torchrun`: one process for each GPU, or a few gloo processes on
+CPUs.
 
-Every process draws its own part of a batch; `average_gradients` makes their steps the same step.
-Without torchrun there is one process and nothing here does anything.
+Every process draws its own part of a batch; `average_gradients` makes all take the same step.
+Without torchrun there is one process, and nothing here has any effect.
 """
 
 import os
@@ -14,19 +15,19 @@ from torch import Tensor, distributed
 
 @dataclass(frozen=True)
 class Ranks:
-    """Which of how many processes this one is."""
+    """Rank of this process, and the number of processes."""
 
     rank: int = 0
     world: int = 1
 
     @property
     def leads(self) -> bool:
-        """The process that prints and writes files."""
+        """Whether this process prints and writes files."""
         return self.rank == 0
 
 
 def join(device: str) -> Ranks:
-    """Meet the other processes that torchrun started: NCCL between GPUs, gloo between CPUs."""
+    """Join the other processes started by torchrun: NCCL between GPUs, gloo between CPUs."""
     world = int(os.environ.get("WORLD_SIZE", "1"))
     if world == 1:
         return Ranks()
@@ -36,18 +37,18 @@ def join(device: str) -> Ranks:
 
 
 def local_device(device: str) -> str:
-    """ "cuda" -> this process's GPU of the machine."""
+    """ "cuda" -> the GPU of this process, e.g. cuda:1; other devices unchanged."""
     return f"cuda:{os.environ.get('LOCAL_RANK', '0')}" if device == "cuda" else device
 
 
 def wait(ranks: Ranks) -> None:
-    """Until every process has come here: files that the leader wrote exist afterwards."""
+    """Wait for all processes; files that the leader wrote exist afterwards."""
     if ranks.world > 1:
         distributed.barrier()
 
 
 def average_gradients(parameters: Iterable[Tensor], ranks: Ranks) -> None:
-    """One reduction of all gradients end to end; a parameter without one counts as zero."""
+    """Average all gradients in one reduction; a missing gradient counts as zero."""
     if ranks.world == 1:
         return
     parameters = list(parameters)
@@ -62,7 +63,7 @@ def average_gradients(parameters: Iterable[Tensor], ranks: Ranks) -> None:
 
 
 def average_buffers(buffers: Iterable[Tensor], ranks: Ranks) -> None:
-    """Running statistics become the mean of what the processes saw."""
+    """Average running statistics over the processes."""
     if ranks.world == 1:
         return
     for buffer in buffers:

@@ -1,6 +1,6 @@
-"""pi, the mixture of K Gaussians that the student's tau is drawn from (paper appendix).
+"""pi, the mixture of K Gaussians from which the student's tau is drawn (paper appendix).
 
-After Chadebec et al. 2024: its weights beta move in four updates from four steps to tau = N alone.
+After Chadebec et al. 2024: four updates move its weights beta from four steps to tau = N alone.
 """
 
 import numpy as np

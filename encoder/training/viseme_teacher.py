@@ -1,6 +1,6 @@
 """The teacher of the audio encoder: a small causal viseme network, read from its ONNX file.
 
-A teacher only, nothing of it is shipped: model.onnx of sorche942/godot-openlipsync (MIT), after
+Used in training only, not shipped: model.onnx of sorche942/godot-openlipsync (MIT), after
 KyuubiYoru/OpenLipSync (Apache-2.0), trained on LibriSpeech (CC BY 4.0).
 """
 
@@ -17,7 +17,7 @@ VISEMES = (
 )  # fmt: skip
 SOURCE = "godot-openlipsync (MIT), OpenLipSync (Apache-2.0), trained on LibriSpeech (CC BY 4.0)"
 RATE, WINDOW, HOP, SIZE, BANDS = 16_000, 400, 160, 1024, 80
-AGE_S = 0.0125  # a spectrum lies in the middle of its window: half of it is still to come
+AGE_S = 0.0125  # a spectrum is centred in its window, half of which lies ahead
 _PHONES = (
     "sil:pau hh|PP:p b m|FF:f v|TH:th dh|DD:t d|kk:k g ng|CH:ch jh sh zh|SS:s z|nn:n l|RR:r er|"
     "aa:aa ao ay ah|E:ae eh ey|ih:ih iy y ax|oh:ow oy uh|ou:aw uw w"
@@ -55,7 +55,8 @@ class VisemeTeacher:
         return np.maximum(level, level.max() - 80).astype(np.float32)
 
     def probabilities(self, audio: np.ndarray, rate: int, times: np.ndarray) -> np.ndarray:
-        """[n] sound -> [T, 15], the newest that can be known at each of `times` [T], in seconds."""
+        """Sound [n] at `rate` -> viseme probabilities [T, 15]: the newest available at each of
+        `times` [T], in seconds."""
         spectra = self.spectra(soxr.resample(audio.astype(np.float32), rate, RATE))
         (logits,) = self.session.run(["viseme_logits"], {"audio_features": spectra[None]})
         newest = np.floor((times - AGE_S) * RATE / HOP + 1e-6).astype(int)

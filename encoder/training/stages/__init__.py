@@ -1,1 +1,1 @@
-"""One flat script a training stage."""
+"""The training stages, one script each."""

@@ -1,8 +1,8 @@
 """Stage 1: train the audio encoder (paper section 4.3 uses wav2vec; none is public here).
 
-Its output is what is said: log-odds of the phone and of the viseme, voicing, pitch and loudness,
-whoever speaks and whatever is between. Phones come from text (aligned, or exact from synthesis),
-visemes of voices without text from a small public network, which hears the clean sound.
+Its output describes what is said, whoever speaks and whatever the room: log-odds of phone and
+viseme, voicing, pitch and loudness. Phones come from text (aligned, or exact from synthesis);
+visemes of voices without text come from a small public network, which hears the clean sound.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -27,7 +27,7 @@ from encoder.training.presets import Presets
 from encoder.training.streams import ears, heard
 from sensors.types import InputError
 
-SETTLE = 30  # features at a crop's start that no loss sees: the encoder has heard nothing yet
+SETTLE = 30  # features at the start of a crop without a loss: the encoder has no past there
 WIDTH = len(PHONES) + len(viseme_teacher.VISEMES) + 3  # phones, visemes, voiced, pitch, loudness
 TALKERS = ("grid-", "facegood")  # whose motion judges all else: their voices stay unheard, but for
 KNOWN = "grid-s1"  # who is in every training set
@@ -38,7 +38,9 @@ class AudioConfig:
     pack: Path
     output: Path  # without suffix: .safetensors and .json are added
     run: loop.RunSettings
-    teacher: Path | None = None  # the viseme network's ONNX file; None: only voices with text teach
+    teacher: Path | None = (
+        None  # the viseme network's ONNX file; None: train on voices with text only
+    )
     start: Path | None = None  # an audio checkpoint of the same config to go on from
     encoder: AudioEncoderConfig = field(default_factory=lambda: ENCODERS["phonetic"])
     centred: bool = False  # the ablation's encoder, which sees half a second ahead
@@ -64,7 +66,7 @@ preset = Presets(
 
 
 def lessons_of(config: AudioConfig) -> dict[str, list[heard.Heard]]:
-    """Every training clip that may be heard, by kind of truth."""
+    """Training clips, by kind of truth, without the talkers left out."""
     teacher = viseme_teacher.VisemeTeacher(config.teacher) if config.teacher else None
     groups: dict[str, list[heard.Heard]] = {}
     for clip in iter_pack(config.pack, "train"):
@@ -76,7 +78,7 @@ def lessons_of(config: AudioConfig) -> dict[str, list[heard.Heard]]:
 
 
 def losses(said: Tensor, lessons: list[heard.Lesson], loudness: Tensor) -> dict[str, Tensor]:
-    """said [B, N, 59] against what was said; loudness [B, N]."""
+    """Losses of the output [B, N, 59] against the truth; loudness [B, N]."""
     device, phones = said.device, len(PHONES)
     said, loudness = said[:, SETTLE:], loudness[:, SETTLE:]
     names, visemes, tone = (

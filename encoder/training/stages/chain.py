@@ -1,4 +1,4 @@
-"""A shipped chain that is extended by what hears phones: read, and written anew."""
+"""Reads a shipped chain of networks, and writes it extended by the phonetic encoder."""
 
 import shutil
 from dataclasses import asdict, dataclass, replace
@@ -26,7 +26,7 @@ DIRECT = "direct."  # how the names of the direct path's tensors begin
 
 @dataclass(frozen=True)
 class OldChain:
-    """A chain without what hears phones, whether its folder has that or not."""
+    """A chain without the phonetic encoder and the direct path, even if its folder holds them."""
 
     folder: Path
     sizes: DenoiserConfig
@@ -47,7 +47,7 @@ class OldChain:
 
     @property
     def blocks(self) -> str:
-        """The sha256 of the student that its blocks are of."""
+        """The sha256 of the student whose blocks these are."""
         return str(self.card.get("blocks", self.card["sha256"]))
 
     def student(self) -> Denoiser:
@@ -56,7 +56,7 @@ class OldChain:
 
 
 def listening(old: OldChain, direct: Direct, contact: Contact) -> tuple[DenoiserConfig, Weights]:
-    """A student with the direct path and the contact head, as it was in all other tensors."""
+    """The student with a new direct path and contact head; all other tensors unchanged."""
     heard, hidden = direct.hear.in_features, direct.listen.out_features
     result = dict(old.weights)
     result |= {DIRECT + k: v for k, v in checkpoint.arrays(direct.state_dict()).items()}
@@ -75,7 +75,7 @@ def listening(old: OldChain, direct: Direct, contact: Contact) -> tuple[Denoiser
 
 @dataclass(frozen=True)
 class ChainPaths:
-    """Where a chain's parts come from and go to."""
+    """Paths of a chain's parts, to read and to write."""
 
     pack: Path
     phones: Path  # the phonetic encoder, without suffix
@@ -87,8 +87,8 @@ def write(
     old: OldChain, places: ChainPaths, direct: Direct, contact: Contact, listen: dict[str, Any],
     *, whole: bool,
 ) -> None:  # fmt: skip
-    """Encoder, student and what extends it; not whole: the student alone. `listen` goes into its
-    card."""
+    """Write encoder, student and what extends it; not whole: the student alone. `listen` goes into
+    the student's card."""
     sizes, weights = listening(old, direct, contact)
     card = old.card
     kept = {k: card[k] for k in ("teacher", "guidance", "steps", "seed", "history") if k in card}
@@ -127,7 +127,7 @@ def _save(path: Path, weights: Weights, card: dict[str, Any]) -> None:
 
 
 def _write_encoder(old: OldChain, places: ChainPaths, whole: bool) -> str:
-    """The old encoder and the phonetic one as a pair -> its sha256."""
+    """Write the old encoder and the phonetic one as a pair; returns its sha256."""
     weights, card = checkpoint.load(old.folder / "audio", "audio")
     theirs, about = checkpoint.load(places.phones, "audio")
     weights = {k: v for k, v in weights.items() if not k.startswith(SECOND)}

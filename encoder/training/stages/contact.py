@@ -1,8 +1,8 @@
 """Stage "contact": the head that shuts the lips of a frozen student (encoder/denoiser/contact.py).
 
-After distill. The head alone learns, from what the student says at tau = N for a clip's sound: its
-lips should be as far open as the truth's, touch where they touch within two frames (the student's
-own contact loss), and swing as wide, else an error alone would make them timid.
+Runs after distill. Only the head is trained, on the student's output at tau = N for a clip's sound:
+lips should be as far open as the truth's, touch where those touch, within two frames (the student's
+contact loss), and move as far, since an error alone would make them move too little.
 """
 
 import json
@@ -57,7 +57,7 @@ preset = Presets(
 def new_head(
     student: Denoiser, face: TrainingFace, hidden: int, heard: int | None = None
 ) -> Contact:
-    """A head that changes nothing yet but knows what the student's codes are in mm."""
+    """An untrained head, which changes nothing; its buffers map the student's codes to mm."""
     config = student.config
     head = Contact(config.expression_dim, heard or config.contact_dim, hidden)
 
@@ -102,8 +102,8 @@ def losses(
 
 @torch.no_grad()
 def fold_scale(layer: nn.Linear, mean: Tensor, spread: Tensor) -> None:
-    """In place: from a layer of standardised features (its last inputs), as trained, to one of
-    plain ones."""
+    """In place: turn a layer trained on standardised features (its last inputs) into one for plain
+    features."""
     columns = layer.weight[:, -len(mean) :]
     columns /= spread
     bias: Tensor = layer.bias
@@ -111,7 +111,7 @@ def fold_scale(layer: nn.Linear, mean: Tensor, spread: Tensor) -> None:
 
 
 def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
-    """Train the head and write the student with it, as it was in all other tensors."""
+    """Train the head and write the student with it; all other tensors unchanged."""
     torch.manual_seed(config.run.seed)
     streams = Streams.load(config.streams, face, config.without)
     tensors, card = checkpoint.load(config.student, "student")
@@ -147,7 +147,8 @@ def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
 
 
 def follow(student: Path, before: str, hidden: int) -> None:
-    """Weights beside the student that extend it extend it still: only the head is new to them."""
+    """Update the cards of weights that extend the student: they stay valid, only the head is
+    new."""
     now = json.loads(student.with_suffix(".json").read_text())["sha256"]
     for name in ("student_eyes", "emotion"):
         path = student.with_name(name)

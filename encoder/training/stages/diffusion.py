@@ -1,11 +1,12 @@
 """Stage 2: train the diffusion model, the teacher E_orig (paper section 4.1).
 
 L = L_simple + lambda_vel L_vel + lambda_jitter L_jitter. Audio and gaze are dropped at random so
-that guidance has an unconditional model. Also from here: the offline teacher (full attention) and
-the regression baseline of table 3, the same network that never sees noise.
+that guidance has an unconditional model. Also trains the offline teacher (full attention) and the
+regression baseline of table 3, the same network without noise.
 
 Clips have 100 frames but a live stream has no end: clips start anywhere in streams of half a
-minute, positions are relative (RoPE), and a frame sees layers x window = 100 frames back at most.
+minute, positions are relative (RoPE), and a frame depends on at most layers x window = 100 past
+ones.
 """
 
 from dataclasses import asdict, dataclass, field, replace
@@ -55,7 +56,7 @@ class DiffusionConfig:
     frames: int = 100
     rate: float = 1e-3
     drop: float = 0.2  # classifier-free guidance dropout of each condition
-    last_share: float = 0.6  # of the draws are at tau = N, where the student will live
+    last_share: float = 0.6  # share of draws at tau = N, where the student works
     # per mm^2 a frame^2. Not more: who may not move fast cannot correct, frame by frame, what was
     # guessed before the sound was known
     velocity_weight: float = 0.1
@@ -86,12 +87,12 @@ preset = Presets(
 
 
 def weighted_error(predicted: Tensor, truth: Tensor, weight: Tensor) -> Tensor:
-    """Mean squared error of [B, T, C] with a weight a frame [B, T]."""
+    """Mean squared error of [B, T, C], weighted by frame [B, T]."""
     return ((predicted - truth).square().mean(-1) * weight).mean()
 
 
 def fit_scale(model: Denoiser | PeerNetwork, codes: np.ndarray) -> None:
-    """Standardise by the training codes; a constant code keeps a small spread instead of none."""
+    """Fit mean and spread to the training codes; a constant code gets a small spread, not zero."""
     flat = codes.reshape(-1, codes.shape[-1]).astype(np.float64)
     std = flat.std(0)
     model.expression_mean.copy_(torch.tensor(flat.mean(0)))
@@ -100,7 +101,7 @@ def fit_scale(model: Denoiser | PeerNetwork, codes: np.ndarray) -> None:
 
 @torch.no_grad()
 def fold_gaze(model: Denoiser, *, inverse: bool = False) -> Denoiser:
-    """In place: from a model of (gaze - ahead) * scale, as trained, to one of plain gaze."""
+    """In place: turn a model trained on (gaze - ahead) * scale into one for plain gaze."""
     weight, bias, null = model.input.weight, model.input.bias, model.null_condition
     ahead, columns = torch.tensor(AHEAD, device=weight.device), slice(-len(AHEAD), None)
     if inverse:
@@ -124,7 +125,7 @@ def draw_tau(count: int, num_steps: int, last_share: float, device: torch.device
 def geometry_losses(
     predicted: Tensor, codes: Tensor, face: TrainingFace, config: Any
 ) -> tuple[dict[str, Tensor], Tensor]:
-    """L_geom's parts of codes [B, T, 256], and their weighted sum; config has the weights."""
+    """Terms of L_geom for codes [B, T, 256], and their sum with the weights of the config."""
     guess, truth = face.vertices(predicted), face.vertices(codes)
     parts = {"velocity": velocity_loss(guess, truth, face.weights)}
     total = config.velocity_weight * parts["velocity"]
@@ -207,7 +208,8 @@ def run(config: DiffusionConfig, face: TrainingFace) -> dict[str, float]:
 def write(
     config: DiffusionConfig, model: Denoiser, streams: Streams, trained: dict[str, Any]
 ) -> None:
-    """The regression baseline is written as a student that is deaf to noise: it runs live."""
+    """Write the model; the regression baseline as a student that ignores noise, so that it runs
+    live."""
     regression = config.objective == "regression"
     if regression:
         with torch.no_grad():

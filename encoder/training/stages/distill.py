@@ -1,8 +1,8 @@
 """Stage 3: distil the teacher into a student that denoises in ONE step (paper section 4.2).
 
 L_distill pulls the student's single prediction to the teacher's iterated one (guidance included);
-L_DMD pushes its samples toward where the teacher finds them likelier than the student does;
-L_geom keeps the motion of the truth, and the truth itself holds the mouth. tau is drawn from pi, a
+L_DMD pushes its samples towards where the teacher finds them likelier than the student does; L_geom
+keeps the motion of the truth, and the mouth is trained on the truth itself. tau is drawn from pi, a
 mixture of K Gaussians whose weights beta move in four updates from four steps to tau = N (appendix,
 after Chadebec et al. 2024).
 """
@@ -46,9 +46,9 @@ class DistillConfig:
     # K = 40 of the paper costs 40 teacher passes a sample; 6 fit the default into CPU hours
     ddim_steps: int = 6
     pool: int = 8  # batches of teacher samples held at a time
-    reuse: int = 5  # times each is trained on before new ones are drawn
+    reuse: int = 5  # times each sample is used before new ones are drawn
     update_share: float = 0.08  # of the steps between updates of beta (2K of 25K in the paper)
-    # measured: 1.5 moves the lips more and in better time than 1.0 (closures as often)
+    # measured: 1.5 moves the lips more and with better timing than 1.0 (closures as often)
     guidance: Guidance = Guidance(weight=1.5)
     dmd_weight: float = 0.05
     # the student is its own fake score; once all draws are at tau = N it forgets the smaller ones
@@ -92,7 +92,7 @@ preset = Presets(
 
 
 def phase_at(step: int, config: DistillConfig) -> int:
-    """How often beta was updated before this step."""
+    """Number of updates of beta before this step."""
     return min(int(step / max(config.update_share * config.steps, 1)), LAST_PHASE)
 
 
@@ -115,7 +115,7 @@ Sample = tuple[Tensor, int, Tensor, Tensor, Tensor, Tensor, Tensor]
 
 
 class Pools:
-    """Teacher samples for each step; a pool is made when its first step comes or is resumed."""
+    """Teacher samples for each step; a pool is made at its first step, or on resuming."""
 
     def __init__(
         self,

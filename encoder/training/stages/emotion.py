@@ -1,9 +1,9 @@
 """Stage "emotion": zero convolutions between the blocks of the frozen student (paper section 5.1).
 
-L_face asks the meshes to look like emotional truth; L_lip asks the lips to shut where the neutral
-model shuts them rightly, for the same sound and noise, and otherwise to move as the truth's.
-Trained on the one-step student itself, so that live driving stays one step. Also from here: direct
-fine-tuning, in which every weight learns; the paper's ablation asks it for nothing but L_face.
+L_face pulls the meshes to the emotional truth. L_lip makes the lips shut where the neutral model
+rightly shuts them for the same sound and noise, and otherwise move as the truth's do. Trained on
+the one-step student itself, so that live driving stays one step. Also does direct fine-tuning, in
+which all weights are trained; the paper's ablation trains it with L_face alone.
 """
 
 from dataclasses import asdict, dataclass
@@ -26,7 +26,7 @@ from encoder.training.stages.diffusion import fold_gaze
 from encoder.training.streams.emotion import EmotionStreams
 from sensors.types import InputError
 
-KEPT_WEIGHT = 9.0  # mm: closures are rare, and a hair's breadth undoes them
+KEPT_WEIGHT = 9.0  # mm: closures are rare, and a small gap undoes them
 CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
@@ -41,7 +41,7 @@ class EmotionConfig:
     output: Path  # where "emotion" goes (and "student", if it was fine-tuned): a folder
     run: loop.RunSettings
     start: Path | None = None  # convolutions to start from, without suffix; None: zero
-    fine_tune: bool = False  # an ablation: every weight of the student learns
+    fine_tune: bool = False  # an ablation: all weights of the student are trained
     steps: int = 3000
     batch: int = 16
     frames: int = 100
@@ -69,10 +69,10 @@ def lip_loss(
 ) -> Tensor:
     """L_lip: spans [B, T, 2] and gaps [B, T, P, 3] mm -> mm.
 
-    The spans' error is the paper's measure of lip sync, |corners| + |centres|. Where the neutral
-    model shuts the lips and is right, ours shut them within two frames; where it is wrong nothing
-    is kept. (A squared error of the gaps instead: the mean of what may come next is further from
-    each of it than the median, and the lips stood a tenth further from rule-made truth.)
+    The error of the spans is the paper's lip sync, |corners| + |centres|. Where the neutral model
+    rightly shuts the lips, ours must shut them within two frames; its wrong closures are not kept.
+    (With a squared error of the gaps, which leads to the mean instead of the median, lips were a
+    tenth further from the rule-made truth.)
     """
     sync = (shown - truth).abs().sum(-1).mean()
     right = torch.minimum(closest(neutral_gaps), closest(true_gaps))
@@ -130,7 +130,7 @@ def run(config: EmotionConfig, face: TrainingFace) -> dict[str, float]:
     modules: dict[str, nn.Module] = {"zero": zero}
     if config.fine_tune:
         modules["student"] = student.requires_grad_(True)
-        # Adam takes steps of one size: on longer embeddings the convolutions learn as fast as alone
+        # Adam's steps have one size: with longer embeddings the convolutions learn as fast as alone
         zero.embeddings *= CONVOLUTION_RATE / config.rate
 
     def step_losses(step: int, rng: Any) -> dict[str, Tensor]:

@@ -1,9 +1,9 @@
 """Stage "eyes": train the eye encoder on the capture stage's renders (paper section 5.2).
 
-Gaze, lid opening, the upper face's rig channels and validity are regressed from the features, whose
-80 numbers an eye are the condition e. Beside it a small map from gaze and rig back to features is
-learned: it makes e for the denoiser's training data and for lost cameras. Subjects are split. The
-stage "wide-eyes" goes on from here.
+Gaze, lid opening, the upper face's rig channels and validity are regressed from the features, of
+which 80 for each eye are the condition e. A small map from gaze and rig back to features is fitted,
+too: it makes e for the denoiser's training data and for lost cameras. Test subjects are held out.
+The stage "wide-eyes" continues from here.
 """
 
 from dataclasses import asdict, dataclass
@@ -25,7 +25,7 @@ from encoder.training.presets import Presets
 from encoder.training.streams.eye_pictures import EyePictures, augmented, standard
 
 TRUTH = "made by rules; pictures rendered by the capture stage"
-OPEN_ENOUGH = 0.25  # lid opening from which on gaze can be seen and is judged
+OPEN_ENOUGH = 0.25  # lid opening from which gaze is visible and counts
 NEAR, WIDE = 0.35, 0.5  # relative gaze is fitted up to these sines (20 degrees), from this lid on
 RELATIVE_RIDGE = 10.0
 LID = 2  # of the heads' rows: gaze, lid, validity, rig
@@ -55,8 +55,8 @@ preset = Presets(
 
 
 def losses(net: EyeNet, data: EyePictures, pairs: np.ndarray) -> dict[str, Tensor]:
-    """On pairs of pictures `pairs` [B / 4] of the data and on another moment of the same people, as
-    the same cameras would see it; distorted at random.
+    """Losses on pairs of pictures `pairs` [B / 4] and on other pictures of the same people as the
+    same cameras would see them, all randomly distorted.
     """
     subject: np.ndarray = data.subject[::2]
     after, before = (pairs + 1) % len(subject), (pairs - 1) % len(subject)
@@ -99,7 +99,7 @@ def gaze_loss(actual: Tensor, expected: Tensor, weight: Tensor) -> Tensor:  # [B
 
 
 def run(config: EyesConfig) -> dict[str, float]:
-    """Train, judge on held-out subjects, and write the encoder with its card."""
+    """Train, evaluate on held-out subjects, and write the encoder with its card."""
     torch.manual_seed(config.run.seed)
     pictures = EyePictures.load(config.pictures)
     held_out = pictures.subject % TEST_SHARE == TEST_SHARE - 1
@@ -133,7 +133,7 @@ def run(config: EyesConfig) -> dict[str, float]:
 
 
 def started(config: EyesConfig) -> tuple[EyeNet, dict[str, Any]]:
-    """The network to train, and what the card says of the parts that are not."""
+    """The network to train, and the card entries of the parts that stay unchanged."""
     if config.start is None:
         return EyeNet(config.net), {}
     net, card = load_eye_net(config.start)
@@ -152,9 +152,9 @@ def predict(net: EyeNet, x: Tensor) -> list[np.ndarray]:
 
 @torch.no_grad()
 def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
-    """How features scatter about what the synthesis says: frame by frame, and between subjects.
+    """Scatter of features about the synthesised ones: from frame to frame, and between subjects.
 
-    Cameras sit still: what moving and lighting the pictures adds counts as a subject's constant.
+    Cameras sit still, so what shifts and light add to the pictures counts as constant of a subject.
     """
     chosen = _some_people(data, count)
     gaze, rig = torch.from_numpy(data.gaze[chosen]), torch.from_numpy(data.rig[chosen])
@@ -177,7 +177,7 @@ def fit_spreads(net: EyeNet, data: EyePictures, count: int = 4096) -> None:
 
 @torch.no_grad()
 def fit_relative(net: EyeNet, data: EyePictures, count: int = 80_000) -> None:
-    """Least squares of how gaze differs from the mean of the same eye, on how features do."""
+    """Least squares from features to gaze, both relative to the mean of the same eye."""
     data = data.where(_some_people(data, count))
     eye = 2 * data.subject + np.arange(len(data.lids)) % 2
     seen = (data.lids > WIDE) & (np.abs(data.gaze).max(1) < NEAR)
@@ -197,7 +197,7 @@ def fit_relative(net: EyeNet, data: EyePictures, count: int = 80_000) -> None:
 
 @torch.no_grad()
 def fit_lid(net: EyeNet, data: EyePictures, count: int = 80_000, rounds: int = 12) -> None:
-    """Least absolute error of the opening on the features of pictures as they were rendered."""
+    """Fit the opening to features of undistorted pictures, by least absolute error."""
     data = data.where(_some_people(data, count))
     features = predict(net, standard(torch.from_numpy(data.pictures).float()))[0]
     x = np.concatenate([features, np.ones((len(features), 1))], 1).astype(np.float64)
@@ -210,7 +210,7 @@ def fit_lid(net: EyeNet, data: EyePictures, count: int = 80_000, rounds: int = 1
 
 
 def _some_people(data: EyePictures, count: int) -> np.ndarray:
-    """[n] bool: all that there is of as many people as make `count` pictures."""
+    """Rows [n] bool of so many people that they have about `count` pictures."""
     people = np.unique(data.subject)
     share = min(1.0, count / len(data.lids))
     kept = np.linspace(0, len(people) - 1, max(1, int(share * len(people)))).astype(int)
@@ -218,7 +218,7 @@ def _some_people(data: EyePictures, count: int) -> np.ndarray:
 
 
 def judge(net: EyeNet, data: EyePictures) -> dict[str, float]:
-    """Errors on pictures as they were rendered."""
+    """Errors on undistorted pictures."""
     x = standard(torch.from_numpy(data.pictures).float())
     _, gaze, lid, valid, _ = predict(net, x)
     seen = data.lids > OPEN_ENOUGH

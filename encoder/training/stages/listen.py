@@ -1,9 +1,9 @@
-"""Stage "listen": a trained chain hears phones beside what it heard, and moves its mouth by both.
+"""Stage "listen": adds the phonetic encoder to a trained chain; both move the mouth.
 
-After `audio`. Nothing of the chain is trained again: eyes, lids, brows and emotions stay. The
-direct path (encoder/denoiser/direct.py) learns what tracked mouths do from phones alone, and to
-tell a voice from what is none; what is shown is a share of what the blocks say and the rest of what
-it says: two that err differently err less together. A new contact head learns behind both.
+Runs after `audio`. The chain itself is not trained again: eyes, lids, brows and emotions stay. The
+direct path (encoder/denoiser/direct.py) learns the motion of tracked mouths from phones alone, and
+to tell voices from other sounds. Its mouth is mixed with that of the blocks: the two make different
+errors, so the mixture has less. A new contact head is trained behind both.
 """
 
 from dataclasses import dataclass
@@ -46,7 +46,7 @@ class ListenConfig:
     # of the mouth that the blocks' is; measured on talkers left out (r raw, above 0.5 Hz): 1 .74
     # .57, .6 .76 .62, .4 .77 .63, .25 .77 .64, 0 .75 .64; the more, the nearer to rule-made motion
     share: float = 0.4
-    gain: float = 1.1  # of both: a mean of guesses moves less than people do
+    gain: float = 1.1  # of both: a mean of predictions moves less than people do
     width_gain: float = 1.25  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
@@ -80,7 +80,7 @@ preset = Presets(
 
 @dataclass(frozen=True)
 class Listener:
-    """What is trained, and what it stands behind."""
+    """The direct path and the contact head in training, and the frozen chain before them."""
 
     direct: Direct
     contact: Contact
@@ -121,8 +121,8 @@ class Listener:
         self, shown: Tensor, voice: Tensor, truth: Tensor, phones: Tensor, there: Tensor,
         plain: Tensor,
     ) -> dict[str, Tensor]:  # fmt: skip
-        """Lips shut for p, b and m within two frames, stay open in vowels (and where they are,
-        if phones are not known), and move no more than that takes."""
+        """Loss of the contact head: lips shut for p, b and m within two frames, stay open in vowels
+        (or as they are, where phones are unknown), and move no further than needed."""
         count = there.sum()
         x0 = self.student.standardise(self.mouth.codes(shown))
         moved = voice * self.contact.moved_mm(x0, plain)[..., 0]
@@ -143,13 +143,13 @@ def _is(phones: Tensor, names: tuple[str, ...]) -> Tensor:
 
 
 def _nearest(gap: Tensor) -> Tensor:  # [B, T]
-    """The least gap within two frames."""
+    """The smallest gap within two frames."""
     return -functional.max_pool1d(-gap[:, None], 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES)[:, 0]
 
 
 def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
-    """Train, and write the chain: encoder, student and what extends it; of talkers left out, the
-    student alone."""
+    """Train, and write the chain: encoder, student and what extends it; with talkers left out, only
+    the student."""
     old = chain.OldChain.load(config.old)
     phones = load_encoder(config.phones)
     recipe = f"{checkpoint.load(config.phones, 'audio')[1]['sha256']} {old.blocks}"
@@ -183,7 +183,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
 
 
 def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) -> Listener:
-    """One that says nothing yet."""
+    """An untrained Listener, which changes nothing."""
     mouth = pieces.mouth
     every = max(len(pieces.frames.heard) // SAMPLES, 1)
     heard = torch.from_numpy(pieces.frames.heard[::every].astype(np.float32))
@@ -197,8 +197,8 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
 
 @torch.no_grad()
 def finish(listener: Listener, config: ListenConfig) -> None:
-    """In place: from heads of standardised features and of a mouth, as trained, to what they are in
-    the student."""
+    """In place: turn heads trained on standardised features and the mouth's numbers into the
+    student's."""
     direct, (mean, spread) = listener.direct, listener.scale
     dim = direct.hear.in_features
     for layer in (direct.listen, direct.straight):

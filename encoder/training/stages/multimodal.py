@@ -1,9 +1,9 @@
-"""Stage "multimodal": the audio model learns to see (paper section 5.2): condition e replaces g.
+"""Stage "multimodal": the student takes eye features e instead of gaze g (paper section 5.2).
 
-Starts from the distilled student that is conditioned on gaze and stays a one-step model. Its target
-is a face of two halves: the mouth is what the audio model itself says of the same sound and noise,
-a little nearer to the truth, so the lips keep what was distilled; the upper face is the truth that
-e shows (eye_streams.py).
+Starts from the distilled student that is conditioned on gaze, and stays a one-step model. The
+target has two halves: the mouth is the audio model's own output for the same sound and noise, moved
+a little towards the truth, so that the lips keep what was distilled; the upper face is the truth
+that e shows (streams/eyes.py).
 """
 
 from dataclasses import asdict, dataclass, replace
@@ -65,7 +65,7 @@ preset = Presets(
 
 
 class Halves:
-    """Codes in the rig's channels: the mouth of one face with the upper half of another."""
+    """Combines the mouth of one code with the upper face of another, by channels of the rig."""
 
     def __init__(self, face: TrainingFace) -> None:
         rows = face.rig_to_code(np.eye(len(RIG_NAMES), dtype=np.float32))  # [53, 256]
@@ -79,7 +79,7 @@ class Halves:
 
 @torch.no_grad()
 def widened(student: Denoiser, streams: EyeStreams, rng: np.random.Generator) -> Denoiser:
-    """A copy of the gaze model that takes e where it took gaze, read off e by a linear fit."""
+    """A copy of the gaze model that takes e instead: a linear fit reads the gaze from e."""
     batch = streams.draw(24, 100, rng)
     e, gaze = batch.e.flatten(0, 1).numpy(), batch.scaled_gaze.flatten(0, 1).numpy()
     padded = np.concatenate([e, np.ones((len(e), 1), np.float32)], 1)
@@ -123,16 +123,16 @@ def losses(
 def upper_distance(
     off: Tensor, halves: Halves, face: TrainingFace
 ) -> Tensor:  # [B, T, 256] -> [B, T] mm
-    """How far the upper face's vertices are off for an error `off` of the codes.
+    """Distance of the upper face's vertices for an error `off` of the codes.
 
-    Not squared: a squared error leaves brows, of which eye cameras show next to nothing, a little
-    raised for good, the mean of what they may do; this lets them rest.
+    Not squared: eye cameras show next to nothing of the brows, and a squared error would leave them
+    slightly raised for good, at their mean; with this one they rest.
     """
     return (face.vertices(off @ halves.upper).square().sum(-1) + 1e-4).sqrt().mean(-1)
 
 
 def run(config: MultimodalConfig, face: TrainingFace) -> dict[str, float]:
-    """Fine-tune and write the student that sees."""
+    """Fine-tune and write the student that is conditioned on e."""
     torch.manual_seed(config.run.seed)
     rng = np.random.default_rng(config.run.seed)
     net, eye_card = load_eye_net(config.eyes)
