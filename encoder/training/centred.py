@@ -1,7 +1,7 @@
-"""The ablation's audio encoder: as `phonetic`, but it looks half a second ahead.
+"""The ablation's audio encoder: as the phonetic one, but with half a second of lookahead.
 
-Same layers, same size, same names; every convolution is centred instead of causal. It cannot run
-live: `fed_causally` shows what happens if one tries (paper, table 2).
+Same layers, sizes and names; every convolution is centred instead of causal. It cannot run live:
+`fed_causally` shows what happens if one tries (paper, table 2).
 """
 
 import torch
@@ -36,8 +36,8 @@ class CentredEncoder(AudioEncoder):
 def fed_causally(encoder: CentredEncoder, audio: Tensor, samples_per_frame: int) -> Tensor:
     """Features [T, A] of each frame from sound up to its end only; audio [T * samples_per_frame].
 
-    What would lie ahead is zeros, as in a live program that has nothing else. Loudness statistics
-    start anew in every window of HISTORY_FRAMES.
+    The lookahead is filled with zeros, as a live program would have to. Loudness statistics start
+    anew in every window of HISTORY_FRAMES.
     """
     frames = len(audio) // samples_per_frame
     padded = functional.pad(audio, ((HISTORY_FRAMES - 1) * samples_per_frame, 0))

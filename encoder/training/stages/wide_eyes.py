@@ -1,9 +1,9 @@
 """Stage "wide-eyes": an eye encoder learns to see eyes as real cameras show them.
 
-Goes on from the stage "eyes". Learns the finder (where the eye lies in a picture) and the meter (is
-there an eye, lid, gaze and its doubt, pupil), which begins with the encoder's convolutions. All
-else stays as it is, so students trained on the encoder's features fit the new file as well: its
-card names the old one as `features_of`.
+Continues from the stage "eyes". Trains the finder (where the eye lies in a picture) and the meter
+(whether there is an eye; lid, gaze and its uncertainty, pupil), which starts from the encoder's
+convolutions. All else is unchanged, so students trained on the encoder's features fit the new file
+as well: its card names the old one as `features_of`.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -91,7 +91,7 @@ def _near(actual: Tensor, expected: Tensor, weight: Tensor) -> Tensor:
 def _doubted(
     actual: Tensor, expected: Tensor, raw: Tensor, weight: Tensor, scale: float, floor: float
 ) -> Tensor:
-    """Minus the log of a Laplace density, whose scale is what the network says of itself."""
+    """Negative log-likelihood of a Laplace density, whose scale the network predicts, too."""
     spread = floor + scale * functional.softplus(raw + 0.5)
     away = (actual - expected).abs().sum(1) / spread + 2 * spread.log()
     return (away * weight).sum() / weight.sum().clamp(min=1)

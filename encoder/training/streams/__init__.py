@@ -1,1 +1,1 @@
-"""Training streams: features beside motion."""
+"""Training streams: features of the frozen encoders with the motion that belongs to them."""

@@ -1,7 +1,7 @@
-"""Crops of clips as a microphone elsewhere would have heard them: noise, gain, EQ, pitch, clipping.
+"""Random distortions of clips: noise, gain, equalisation, pitch, clipping.
 
-Each is drawn with probability p (0.3) a crop, and kept causal enough that no frame sees later
-speech: filters have smooth magnitude and minimum length.
+Each is applied to a crop with probability p (0.3). Filters are short and smooth, so that no frame
+hears later speech.
 """
 
 from collections.abc import Callable
@@ -67,9 +67,9 @@ def clicks(count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def not_speech(count: int, rng: np.random.Generator) -> np.ndarray:
-    """[n] float32 of anything but a voice, -70 to -14 dBFS; a tenth of the time nothing.
+    """Sound [n] float32 without a voice, -70 to -14 dBFS; with probability 0.1 silence.
 
-    Hands and wind at the microphone most often, then music: they are nearest to fricatives and
+    Mostly rubbing and wind at the microphone, then music: these are nearest to fricatives and
     vowels, and moved the lips most.
     """
     if rng.random() < 0.1:
@@ -84,7 +84,7 @@ def _any_noise(rng: np.random.Generator) -> Noise:
 
 
 def equalise(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """A microphone: tilt, two broad bumps, and the ends of its band cut off."""
+    """The frequency response of a microphone: tilt, two broad bumps, a limited band."""
     spectrum = np.fft.rfft(audio)
     hz = np.fft.rfftfreq(len(audio), 1 / PACK_RATE)
     octave = np.log2(np.maximum(hz, 20) / 1000)
@@ -109,9 +109,9 @@ def room(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def crop(clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3) -> Crop:
-    """`frames` frames from a random place of `clip`; a short clip is followed by silence.
+    """`frames` frames from a random place in `clip`; a short clip is padded with silence.
 
-    Pitch and formants move by resampling; the curves are read at the same places.
+    Resampling shifts pitch and formants; the motion curves are resampled alike.
     """
     factor = float(rng.uniform(0.84, 1.2)) if rng.random() < p + 0.2 else 1.0
     need = int(np.ceil(frames * factor)) + 1

@@ -1,7 +1,8 @@
-"""What cameras would see of a wide picture, and that framed as the eye network gets it; in torch.
+"""Camera pictures cut from wide ones, and framed as the eye network gets them; in torch.
 
-A window is a camera's whole picture, anywhere on a wide one. A frame is the part of a window that
-the finder says the eye lies in. Beyond a window's rim it goes on, as in `encoder.eyes.framing`.
+A window is the picture of a camera, anywhere on a wide picture. A frame is the part of a window in
+which the finder locates the eye. Beyond the rim of a window edges are repeated, as in
+encoder/eyes/framing.py.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ def turned(degrees: Tensor, points: Tensor) -> Tensor:  # [B], [B, 2] -> [B, 2]
 
 @dataclass
 class Windows:
-    """B windows, and where the eye lies in each: what the finder is to say."""
+    """B windows, and where the eye lies in each: the target of the finder."""
 
     middle: Tensor  # [B, 2] in widths of the wide picture
     half: Tensor  # [B] half width, likewise
@@ -61,7 +62,7 @@ class Windows:
 
 
 def whole(frame: Tensor) -> Windows:
-    """frame [B, 4] x, y, mm across, roll -> the pictures as they are."""
+    """Windows that show the wide pictures unchanged; frame [B, 4]: x, y, mm across, roll."""
     count, ones = len(frame), torch.ones(len(frame))
     return Windows(
         middle=torch.full((count, 2), 0.5), half=0.5 * ones, turn=0 * ones,
@@ -71,7 +72,7 @@ def whole(frame: Tensor) -> Windows:
 
 
 def drawn(frame: Tensor) -> Windows:
-    """Cameras at random: near and far, turned, aside, oblong."""
+    """Random cameras: near or far, rotated, off centre, not square."""
     count = len(frame)
     across = torch.exp(uniform(count, math.log(NEAREST), math.log(FARTHEST)))
     usual = torch.exp(uniform(count, *map(math.log, USUAL)))
@@ -93,7 +94,7 @@ def drawn(frame: Tensor) -> Windows:
 
 
 def beside(frame: Tensor) -> tuple[Windows, Tensor]:
-    """Windows on skin and hair with the eye outside; and [B] whether there is skin enough."""
+    """Windows on skin and hair without the eye; and whether there is enough skin [B]."""
     count = len(frame)
     result = drawn(frame)
     angle, away = uniform(count, 0, 2 * math.pi), uniform(count, 1.7, 2.6)
@@ -118,7 +119,7 @@ def seen(
     size: Tensor | None = None,  # [B]
     roll: Tensor | None = None,  # [B] degrees
 ) -> tuple[Tensor, Tensor]:
-    """What a frame shows [B, side, side], and where its pixels lie in the window [B, .., 2]."""
+    """Framed pictures [B, side, side], and where their pixels lie in the window [B, .., 2]."""
     axis = torch.linspace(-1 + 1 / side, 1 - 1 / side, side)
     down, across = torch.meshgrid(axis, axis, indexing="ij")
     grid = torch.stack([across, down], -1).view(1, -1, 2).expand(len(pictures), -1, -1)

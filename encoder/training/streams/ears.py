@@ -1,7 +1,7 @@
-"""Spectra as other ears would have them: another vocal tract, microphone, room, line or level.
+"""Random changes of spectra: vocal tract, microphone, room, line and level.
 
-In training the audio encoder hears nothing but log spectra, so voices and rooms are changed there,
-in power, a batch at once. Noise and other voices are added to the sound before (heard.py).
+The audio encoder's input is log spectra, so voices and rooms are changed on power spectra, a batch
+at a time. Noise and other voices are added to the sound before (heard.py).
 """
 
 import numpy as np
@@ -19,7 +19,8 @@ def banks(spectrum: Spectrum) -> Tensor:  # [warps, bins, bands]
 
 
 def augmented(power: Tensor, spectrum: Spectrum, banks: Tensor, rng: np.random.Generator) -> Tensor:
-    """Power [B, N, bins] of noisy sound -> log spectra [B, N, bands], each row distorted anew."""
+    """Power [B, N, bins] of noisy sound -> log spectra [B, N, bands], each row changed at
+    random."""
     count = len(power)
 
     def some(share: float, values: np.ndarray, other: float) -> Tensor:  # [B, 1]
@@ -55,7 +56,7 @@ def _drawn(rng: np.random.Generator, low: float, high: float, count: int) -> Ten
 
 
 def _smeared(power: Tensor, hops: np.ndarray) -> Tensor:
-    """What a room adds: exponential tails of `hops` [B] behind every hop of [B, N, bins]."""
+    """Reverberation: exponential tails of `hops` [B] after every hop of [B, N, bins]."""
     place = torch.arange(power.shape[1])
     lag = (place[:, None] - place[None]).float()
     decay = torch.from_numpy(hops).float()[:, None, None]

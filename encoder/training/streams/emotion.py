@@ -1,8 +1,8 @@
 """Training streams for emotions: features of the frozen audio encoder beside emotional truth.
 
 Half the streams are acted takes of one label, with the voice that goes with it. In the others
-voice and motion are neutral (rules, a face tracker, rest) and the truth is made by laying several
-emotions over the motion: a person may choose any emotion, however the voice sounds.
+voice and motion are neutral (rules, a face tracker, rest), and the truth is made by adding several
+emotions to the motion: a user may choose any emotion, however the voice sounds.
 """
 
 import json
@@ -29,7 +29,7 @@ ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
 # Mean share of the strength that the layer shows, as it swells and ebbs. Intensity 1 is the whole
 # of an emotion's action units, and so a take of strength 1 has intensity SWELL.
 SWELL = 0.72
-NEAR_MM = 2.0  # lips closer than this are on their way to or from a closure
+NEAR_MM = 2.0  # closer lips are about to shut or have just opened
 SHARES = {"rules": 0.6, "tracked": 0.3, "rest": 0.1}  # of the neutral streams
 
 
@@ -52,7 +52,7 @@ def with_emotion(
     lips: LipGeometry,
     rng: np.random.Generator,
 ) -> np.ndarray:
-    """[T, 53] with the capture's layer of this emotion; lips that were shut stay shut."""
+    """Rig [T, 53] with the capture stage's layer of this emotion; shut lips stay shut."""
     level = np.clip(rig[:, JAW_OPEN] / 0.35, 0, 1)
     added, gain = layer(label, strength, level, rng)
     columns = list(SPEECH_COLUMNS)
@@ -129,7 +129,7 @@ def run(config: EmotionStreamConfig, lips: LipGeometry) -> Path:
 
 @dataclass(frozen=True)
 class EmotionStreams:
-    """What the zero convolutions learn from, in memory."""
+    """Training data of the zero convolutions, in memory."""
 
     features: np.ndarray  # [S, T, A] float16
     rig: np.ndarray  # [S, N, T, 53] float16

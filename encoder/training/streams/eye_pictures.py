@@ -1,4 +1,4 @@
-"""Training pictures of eyes with their truth, and the distortions that make them strange.
+"""Training pictures of eyes with their truth, and random distortions of them.
 
 Files hold small left-like pictures (`eye_format.pixels`), so that a hundred thousand fit in
 memory. The truth is rule-made: the capture stage drew these pictures from it.
@@ -111,9 +111,9 @@ def _sometimes(count: int, chance: float) -> Tensor:  # [B, 1, 1] bool
 
 
 def moved(x: Tensor, times: int = 1) -> Tensor:
-    """[B, 100, 100] seen by a camera that sits nearer, elsewhere, a little turned.
+    """Pictures [B, 100, 100] from cameras that sit nearer, elsewhere, or slightly rotated.
 
-    Every B / `times` pictures are seen by the same cameras.
+    Each run of B / `times` pictures has the same cameras.
     """
     count = len(x) // times
     zoom = torch.exp(torch.empty(count).uniform_(-0.1, 0.1))
@@ -130,7 +130,7 @@ def moved(x: Tensor, times: int = 1) -> Tensor:
 
 
 def lit(x: Tensor) -> Tensor:
-    """[B, 100, 100] 0..255 under other light and through another sensor."""
+    """Pictures [B, 100, 100] 0..255 under other light and from another sensor."""
     count = len(x)
     x = x * (1 + _spread(count, -0.5, 0.7) * (1 - x / 255))  # the sensor's response is bent
     ramp = torch.linspace(-1, 1, SIDE)
@@ -150,7 +150,7 @@ def lit(x: Tensor) -> Tensor:
 
 
 def no_eyes(x: Tensor, kind: Tensor) -> Tensor:
-    """[B, 100, 100], kind [B] 0..6 -> pictures of something else."""
+    """Pictures [B, 100, 100], kind [B] 0..6 -> pictures that show no eye."""
     count = len(x)
     level, noise = _spread(count, 0, 255), torch.randn_like(x)
     coarse = functional.interpolate(

@@ -1,4 +1,4 @@
-"""What the audio model learns to see from: streams with e, what the eye encoder says of the eyes.
+"""Training streams with eye features e, for the stage "multimodal".
 
 e is synthesised from the streams' gaze and rig by the eye encoder's own map, with its scatter
 between subjects and from frame to frame, and with cameras that get lost as EyeTracker handles it.
@@ -25,7 +25,7 @@ BLINK_WEIGHT = 4.0  # a blink is 8 frames of 100; twice the weight shuts no lid 
 
 
 class Batch(NamedTuple):
-    """What a step learns from."""
+    """Data of one training step."""
 
     codes: Tensor  # [B, T, 256] truth
     audio: Tensor  # [B, T, A]
@@ -35,7 +35,7 @@ class Batch(NamedTuple):
 
 
 class EyeStreams:
-    """Streams with the upper face's rig, from which e is made anew for every batch."""
+    """Streams with the upper face's rig, from which e is synthesised for every batch."""
 
     def __init__(self, path: Path, face: TrainingFace, net: EyeNet, lost: float) -> None:
         plain = Streams.load(path, face)
@@ -55,7 +55,7 @@ class EyeStreams:
         return Batch(codes, audio.clone(), scaled, weight, e)
 
     def silence(self) -> Tensor | None:
-        """[A] what the audio encoder says of a mouth at rest."""
+        """Audio features [A] of a mouth at rest."""
         resting = self.streams.features[self.streams.weight == REST_WEIGHT]
         if len(resting) == 0:
             return None
@@ -71,7 +71,7 @@ def synthesised(
     lost: float,
     rng: np.random.Generator,
 ) -> Tensor:  # [B, T, 160]
-    """e as the eye encoder and the tracker would give it."""
+    """e as the eye encoder and the tracker would produce it."""
     batch, frames = gaze.shape[:2]
     mirror = torch.from_numpy(MIRROR)
     left_like = torch.cat([gaze[..., :1] * mirror, gaze[..., 1:2]], -1)
@@ -99,7 +99,7 @@ def synthesised(
 
 
 def _lost_frames(frames: int, chance: float, rng: np.random.Generator) -> Tensor:  # [T] bool
-    """A run of lost frames, sometimes; sometimes all of them."""
+    """Frames without a camera: sometimes a run of them, sometimes all."""
     gone = torch.zeros(frames, dtype=torch.bool)
     if rng.random() < chance:
         start, end = np.sort(rng.integers(-frames // 2, frames + frames // 2, 2))
@@ -108,7 +108,7 @@ def _lost_frames(frames: int, chance: float, rng: np.random.Generator) -> Tensor
 
 
 def _switched(own: Tensor, other: Tensor, gone: Tensor) -> Tensor:
-    """[T, 80] own features; where they are gone held for 200 ms, then the other ones; faded."""
+    """An eye's own features [T, 80]; while lost, held for 200 ms, then faded to the other ones."""
     place, share = np.arange(len(own)), np.zeros(len(own), np.float32)
     now, held = float(gone[0]), 0
     for t, lost in enumerate(gone.tolist()):

@@ -1,8 +1,8 @@
-"""What the audio encoder learns from: crops of speech in noise, and what is said in them.
+"""Training data of the audio encoder: crops of speech in noise, and what is said in them.
 
 Each clip of the pack becomes a `Heard` once: sound, phones, the teacher's visemes and pitch at the
-encoder's own pace. Crops are replayed a little faster or slower, louder or softer, amid babble,
-hands, wind and music; some hold no voice but far away ones.
+encoder's own rate. Crops are played a little faster or slower, louder or softer, with babble,
+rubbing, wind and music; some hold only distant voices.
 """
 
 from dataclasses import dataclass
@@ -34,7 +34,7 @@ class Heard:
 
 @dataclass(frozen=True)
 class Lesson:
-    """A crop: what is heard, and what should be said of it."""
+    """A crop: its sound, and the target of the encoder's output."""
 
     noisy: np.ndarray  # [200 N] float32
     clean: np.ndarray  # [200 N] float32
@@ -44,8 +44,8 @@ class Lesson:
 
 
 def prepare(clip: Clip, teacher: VisemeTeacher | None) -> Heard:
-    """Phones from the clip's spans where it has some. Visemes are the phones'; of real voices half
-    the teacher's, which alone tells those of voices without text."""
+    """Targets of a clip. Phones come from its spans, if any. Visemes follow from the phones; for
+    real voices half comes from the teacher, for voices without text all."""
     count = len(clip.audio) // HOP
     audio = np.array(clip.audio[: count * HOP])
     times = (np.arange(count) + 1) * HOP / PACK_RATE
@@ -85,7 +85,7 @@ def pitch(sound: np.ndarray) -> np.ndarray:
 
 
 def cut(heard: Heard, count: int, rng: np.random.Generator) -> Lesson:
-    """`count` features from anywhere in a clip; beyond its ends is silence."""
+    """A crop of `count` features from anywhere in a clip, with silence beyond its ends."""
     speed = float(rng.uniform(0.88, 1.14)) if rng.random() < 0.5 else 1.0
     total, need = len(heard.phones), int(count * speed) + 1
     low, high = min(0, total - need), max(0, total - need)
@@ -110,14 +110,14 @@ def _level(sound: np.ndarray) -> float:
 
 
 def _babble(lessons: list[Lesson], rng: np.random.Generator) -> np.ndarray:
-    """Unit RMS: one to four other voices of the batch at once."""
+    """One to four other voices of the batch at once, at unit RMS."""
     others = [lessons[i].clean for i in rng.integers(len(lessons), size=rng.integers(1, 5))]
     sound = np.sum([x / max(_level(x), 1e-3) * rng.uniform(0.3, 1) for x in others], 0)
     return sound / _level(sound)
 
 
 def amid_noise(lessons: list[Lesson], rng: np.random.Generator) -> list[Lesson]:
-    """Each lesson at a level of its own (-54 to -14 dBFS), most of them amid something."""
+    """Set each lesson to its own level (-54 to -14 dBFS), most of them with noise."""
     return [
         _voiceless(lesson, lessons, rng)
         if rng.random() < VOICELESS

@@ -12,8 +12,11 @@ APART_MM = 1.0  # that lips are when a voice is heard, where phones are not know
 
 
 class SpokenPieces:
-    """`length` frames or less each. rules, rest: how much rule-made motion and sounds of no voice
-    count, against 1 of real talkers; `without`: talkers who do not."""
+    """Pieces of at most `length` frames.
+
+    rules, rest: weights of rule-made motion and of sounds without a voice, where real talkers have
+    1; without: talkers left out.
+    """
 
     def __init__(
         self, frames: SpokenFrames, mouth: Mouth, *, batch: int, length: int, rules: float,
@@ -54,7 +57,7 @@ class SpokenPieces:
 def voice_weights(
     voice: np.ndarray, rules: float, rest: float, without: tuple[str, ...]
 ) -> np.ndarray:
-    """[N]: a talker counts as the root of how much there is; those left out, not at all."""
+    """Weights [N]: the root of a talker's number of frames, shared among them; 0 if left out."""
     talkers = sorted(set(voice.tolist()) - {RULES, REST})
     for name in without:
         if name not in talkers:

@@ -1,8 +1,8 @@
-"""What the direct path learns from: what was heard of each clip's frames, and what mouths did.
+"""Training data of the direct path: phones heard in each frame, and the mouth's motion.
 
-Each clip from its start, as other ears, microphones and rooms hear it; beside it what the old chain
-says of the same sound, and many kinds of sounds that no voice makes. Kept in the pack for next
-time.
+Each clip is heard from its start through random microphones and rooms; with it come the codes of
+the old chain for the same sound, and many kinds of sounds without a voice. Kept in the pack for
+reuse.
 """
 
 from collections.abc import Iterator
@@ -29,7 +29,7 @@ _WHO = {"rules": RULES, "rest": REST}
 
 @dataclass(frozen=True)
 class Ears:
-    """The phonetic encoder, and the chain that is to hear phones."""
+    """The phonetic encoder, and the chain that it is added to."""
 
     phones: AudioEncoder
     audio: AudioEncoder
@@ -64,7 +64,7 @@ class SpokenFrames:
 def hear_pack(
     pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int
 ) -> SpokenFrames:
-    """`recipe`: what the ears are; others hear the pack anew."""
+    """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
     path, recipe = pack / "spoken.npz", f"{recipe} {seed} {versions} {noises}"
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
@@ -87,7 +87,7 @@ def hear_pack(
 def _parts(
     pack: Path, seed: int, versions: int, noises: int
 ) -> Iterator[tuple[Crop, str, np.random.Generator]]:
-    """Every clip as often as it is wanted, and sounds of no voice; whose each is."""
+    """Each clip as often as it is used, and sounds without a voice; with the talker of each."""
     clips = [c for c in iter_pack(pack, "train") if c.truth in ("tracked", *_WHO)]
     voices = [clip.voice for clip in clips if clip.truth == "tracked"]
     most = max((voices.count(voice) for voice in set(voices)), default=1)

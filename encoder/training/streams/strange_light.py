@@ -1,4 +1,4 @@
-"""Pictures under any light and through any small camera: what `strange` adds to rendered eyes."""
+"""Random light and camera faults, added to rendered pictures of eyes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
 """Training streams for the denoiser: features of the frozen audio encoder beside motion.
 
 Between the audio stage and diffusion. Clips are distorted, joined into streams of about half a
-minute (speech, rest, another voice), so the encoder's gain meets what it meets live, and encoded
-once, each stream by ears of its own (`warped`).
+minute (speech, rest, another voice), so that the encoder's gain adapts as it does live, and encoded
+once, each stream with its own change of the vocal tract (`warped`).
 """
 
 import json
@@ -79,7 +79,7 @@ WARPED = 0.6  # share of streams
 
 
 def warped(encoder: AudioEncoder, rng: np.random.Generator) -> AudioEncoder:
-    """The encoder with the ears of this stream: everybody in it has another vocal tract."""
+    """The encoder for this stream: it hears all voices with a changed vocal tract."""
     for part in (encoder, encoder.second):
         if part is not None and part.spectrum:
             warp = float(rng.uniform(*WARPS)) if rng.random() < WARPED else 1.0
@@ -111,7 +111,7 @@ def run(config: StreamConfig) -> Path:
 
 
 class StreamOrigin(Protocol):
-    """What both kinds of streams are made from."""
+    """Sources and settings of both kinds of streams."""
 
     @property
     def audio(self) -> Path: ...
@@ -124,13 +124,13 @@ class StreamOrigin(Protocol):
 
 
 def made_from(config: StreamOrigin) -> dict[str, Any]:
-    """What streams depend on beside the pack: another encoder or seed makes other streams."""
+    """What streams depend on besides the pack: encoder, seed and settings."""
     audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
     return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
 
 
 def are_made(config: StreamOrigin) -> bool:
-    """Do the streams of this config lie in its output already?"""
+    """Whether the output already holds the streams of this config."""
     if not config.output.is_file():
         return False
     with np.load(config.output, allow_pickle=False) as data:
@@ -140,7 +140,7 @@ def are_made(config: StreamOrigin) -> bool:
 
 BLINK = RIG_INDEX["eyeBlink_L"]
 BLINK_WEIGHT = 3.0  # short and often a guess: a mean of guesses never shuts an eye
-REST_WEIGHT = 2.0  # a mouth that moves in silence is seen at once
+REST_WEIGHT = 2.0  # a mouth that moves in silence is obvious
 # Gaze varies by a tenth: training shows (gaze - ahead) * 10, so that it is learned like the rest.
 # `fold_gaze` in diffusion.py moves this map into the weights that are saved.
 AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
@@ -149,7 +149,7 @@ GAZE_SCALE = 10.0
 
 @dataclass(frozen=True)
 class Streams:
-    """What the denoiser learns from, in memory. codes are not standardised."""
+    """Training data of the denoiser, in memory; codes are not standardised."""
 
     features: np.ndarray  # [S, T, A] float16
     codes: np.ndarray  # [S, T, 256] float32

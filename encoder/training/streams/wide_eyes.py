@@ -1,7 +1,7 @@
-"""Eyes as real cameras take them: wide pictures with their truth, and what the networks get.
+"""Eyes as real cameras take them: wide pictures with their truth, and batches for the networks.
 
-`livedrive capture DIR --wide-eyes N` makes the files. The truth is rule-made; nothing was
-photographed.
+`livedrive capture DIR --wide-eyes N` makes the files. Pictures are rendered and the truth is
+rule-made.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ WILD, WILD_SHARE = 2.5, 0.15  # times as wrong
 
 @dataclass(frozen=True, eq=False)
 class WidePictures:
-    """Left-like eyes: n pictures."""
+    """n pictures of eyes, all as left ones, and their truth."""
 
     pictures: NDArray[np.uint8]  # [n, s, s]
     gaze: NDArray[np.float32]  # [n, 2]
@@ -58,7 +58,7 @@ class WidePictures:
             return WidePictures(**rows, no_eyes=data["pictures"])
 
     def chosen(self, kind: str) -> NDArray[np.int64]:
-        """Indices of "usual", "wide" or "all" pictures, none held out."""
+        """Indices of "usual", "wide" or "all" pictures of the training split."""
         learned = self.subject % HELD_OUT != HELD_OUT - 1
         if kind != "all":
             learned &= self.wide == (kind == "wide")
@@ -66,7 +66,7 @@ class WidePictures:
 
 
 class BatchCounts(NamedTuple):
-    """What a batch holds."""
+    """Numbers of pictures of each kind in a batch."""
 
     usual: int = 24  # in the headsets of `Look.draw`
     wide: int = 36
@@ -96,7 +96,7 @@ def _wrong(count: int, spread: tuple[float, float, float]) -> tuple[Tensor, Tens
 
 
 def draw(data: WidePictures, counts: BatchCounts, rng: np.random.Generator) -> WideBatch:
-    """One batch: who, seen by which camera, framed how well, in which light."""
+    """Draw a batch: eyes, cameras, errors of the framing, light."""
     kinds = ("usual", "wide", "all")
     numbers = (counts.usual, counts.wide, counts.skin)
     index = np.concatenate(
@@ -152,7 +152,7 @@ def _pupils(
     data: WidePictures, index: NDArray[np.int64], windows: cameras.Windows,
     middle: Tensor, size: Tensor, roll: Tensor,
 ) -> tuple[Tensor, Tensor]:  # fmt: skip
-    """Places [B, 2] in the framed pictures, and which of them can be seen."""
+    """Pupils [B, 2] in the framed pictures, and which of them are visible."""
     count, every = len(index), len(windows.half)
     points = torch.zeros(every, 2)
     points[:count] = torch.from_numpy(data.pupil[index])
@@ -165,7 +165,7 @@ def _pupils(
 def _nothing(
     data: WidePictures, count: int, side: int, rng: np.random.Generator
 ) -> tuple[Tensor, Tensor]:
-    """Pictures of no eye [N, side, side], as windows on larger ones."""
+    """Pictures without an eye [N, side, side], cut from larger ones."""
     chosen = rng.integers(len(data.no_eyes), size=count)
     pictures = torch.from_numpy(data.no_eyes[chosen]).float()
     zero, one = torch.zeros(count), torch.ones(count)
