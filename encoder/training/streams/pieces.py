@@ -57,7 +57,7 @@ class SpokenPieces:
 def voice_weights(
     voice: np.ndarray, rules: float, rest: float, without: tuple[str, ...]
 ) -> np.ndarray:
-    """Weights [N]: the root of a talker's number of frames, shared among them; 0 if left out."""
+    """Weights [N]: a talker gets the root of the number of frames, 0 if left out; sum 1."""
     talkers = sorted(set(voice.tolist()) - {RULES, REST})
     for name in without:
         if name not in talkers:
