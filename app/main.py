@@ -3,6 +3,7 @@
 Errors end in one line and a status: 2 for bad input, 1 for a failure while running, 130 on Ctrl-C.
 """
 
+import io
 import shlex
 import sys
 from importlib.metadata import version
@@ -54,6 +55,8 @@ def main() -> None:
     """Entry point of the console script."""
     from sensors.types import InputError
 
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")  # an ASCII terminal: tables lose their lines
     if sys.argv[1:] in ([], ["--version"]):
         print(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
         return
@@ -90,5 +93,7 @@ def _with_profile(words: list[str]) -> list[str]:
 
 
 def _fail(message: str, status: int) -> None:
-    print("livedrive: " + " ".join(message.split()), file=sys.stderr)
+    from app.terminal.console import one_line
+
+    print(f"livedrive: {one_line(message)}", file=sys.stderr)
     raise SystemExit(status)

@@ -11,6 +11,7 @@ import os
 import secrets
 import stat
 import tokenize
+import warnings
 import zipfile
 import zlib
 from collections.abc import Generator
@@ -32,8 +33,10 @@ NOT_WHOLE = (
     *(zipfile.BadZipFile, EOFError, zlib.error, NotImplementedError),
     *(tokenize.TokenError, SyntaxError, OverflowError, TypeError),  # an array's header
     RuntimeError,  # an encrypted entry
+    Warning,  # of numpy: an odd header writes nothing to the user's terminal
 )
 MAX_ARRAYS = 1 << 29  # bytes that an npz file may unpack to
+NUMPY = r"numpy\.|sensors\.files$"  # whom warnings of numpy about an array name as their place
 PRIVATE, SHARED = 0o600, 0o666  # before the user's umask
 
 
@@ -107,7 +110,8 @@ def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]
             if size > max_bytes:
                 raise ValueError(f"arrays of {size} bytes, more than {max_bytes}")
             file.seek(0)
-            with np.load(file, allow_pickle=False) as arrays:
+            with warnings.catch_warnings(), np.load(file, allow_pickle=False) as arrays:
+                warnings.filterwarnings("error", module=NUMPY)
                 found = {name: arrays[name] for name in arrays.files}
         except (*NOT_WHOLE, MemoryError) as error:  # numpy takes what a header claims
             raise ValueError(f"no whole npz file ({error})") from None

@@ -39,7 +39,8 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     if parts.beard:
         who = with_parts(who, beard=identity.load(parts.beard).beard)
     read = {"geometry": parts.geometry.name, "texture": parts.texture.name}
-    identity.save(who, folder, {"command": "livedrive avatar create", **asdict(parts), **read})
+    card = {"command": "livedrive avatar create", **asdict(parts), **read}
+    identity.save(who, folder, card, private=True)
     return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
 
 

@@ -9,6 +9,7 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from app.avatars.pictures import Light, Pose, Sheet
+from app.terminal import confirm
 from app.terminal.arguments import File, Name
 from render.types import Density
 
@@ -50,6 +51,7 @@ class ShowAvatar:
     def run(self) -> None:
         from app.avatars.pictures import PictureSettings, save_picture
 
+        confirm.overwriting([self.picture])
         settings = PictureSettings(
             size=self.size,
             sheet=self.sheet,
@@ -83,6 +85,7 @@ class TurnAvatar:
     def run(self) -> None:
         from app.avatars.pictures import save_turn
 
+        confirm.overwriting([self.video])
         save_turn(self.name, self.video, self.size, self.seconds, self.light, self.gaussians)
         print(f"wrote {self.video.resolve()}")
 
@@ -140,6 +143,7 @@ class ExportAvatar:
         from app.avatars.pictures import posed
         from render.avatars import ply
 
+        confirm.overwriting([self.ply])
         cloud = posed(self.name, self.pose)
         ply.save(self.ply, cloud)
         print(f"wrote {self.ply.resolve()}, {len(cloud)} Gaussians")

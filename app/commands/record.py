@@ -96,6 +96,7 @@ class Record(LiveOptions):
 
 def _states(source: "LiveSource") -> str:
     from app.sinks.dashboard import meter
+    from app.terminal.console import one_line
     from sensors.audio.microphone import Microphone
 
     parts: list[str] = []
@@ -107,4 +108,4 @@ def _states(source: "LiveSource") -> str:
         parts.append(f"{camera.name}: {camera.problem or 'live'}")
     if source.head:
         parts.append(f"{source.head.name}: {source.head.problem or 'live'}")
-    return "  ".join(parts)
+    return one_line("  ".join(parts))

@@ -163,4 +163,6 @@ def tell(line: str) -> None:
     """Print one line to stderr."""
     import sys
 
-    print("livedrive: " + " ".join(line.split()), file=sys.stderr, flush=True)
+    from app.terminal.console import one_line
+
+    print(f"livedrive: {one_line(line)}", file=sys.stderr, flush=True)

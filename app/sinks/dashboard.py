@@ -47,12 +47,14 @@ class Dashboard:
     def render(self) -> Any:
         from rich.table import Table
 
+        from app.terminal.console import one_line
+
         stats, source = self._stats, self._source
         table = Table(title="livedrive, live: Ctrl-C ends it", title_justify="left")
         for heading in ("sensor", "state", "now", "lost"):
             table.add_column(heading)
         microphone = source.microphone
-        state = "none" if microphone is None else microphone.problem or "live"
+        state = "none" if microphone is None else one_line(microphone.problem) or "live"
         lost = "" if microphone is None else f"{microphone.dropped} samples"
         table.add_row("microphone", state, meter(stats.level_db), lost)
         for camera in source.cameras:
@@ -61,7 +63,7 @@ class Dashboard:
                 f"{camera.counts.damaged} damaged, {max(camera.counts.connects - 1, 0)} reconnects"
             )
             now = " ".join(self._age(eye) for eye in camera.views.eyes)
-            state = camera.problem or f"live, {camera.counts.pictures} pictures"
+            state = one_line(camera.problem) or f"live, {camera.counts.pictures} pictures"
             table.add_row(f"eye {eyes}", state, now, counts)
         drops = f"{stats.dropped} ticks not drawn, {stats.gaps} with a gap"
         table.add_row("tick", f"{stats.frames} frames", self._histogram(), drops)

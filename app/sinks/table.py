@@ -114,9 +114,10 @@ def parse(url: str) -> Address:
         port = parts.port or urlsplit(SCHEMES[parts.scheme].example).port
     except ValueError:
         port = None
-    if not port:
+    path = unquote(parts.path.strip("/"))
+    if not port or not path.isprintable():
         raise problem
-    return Address(url, parts.scheme, parts.hostname, port, unquote(parts.path.strip("/")))
+    return Address(url, parts.scheme, parts.hostname, port, path)
 
 
 def open_all(urls: Sequence[str], outlet: Outlet) -> "list[SendSink | WebSink]":

@@ -1,6 +1,12 @@
-"""The terminal: tables whose words may come from outside are shown as they are, never as markup."""
+"""The terminal: words may come from outside, so they are shown as they are, never as markup."""
 
 from typing import Any
+
+
+def one_line(text: str) -> str:
+    """Words from anywhere as one line that steers no terminal: what is not printable is escaped."""
+    line = " ".join(text.split())
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in line)
 
 
 def console(width: int | None = None) -> Any:

@@ -180,7 +180,7 @@ class Window:
             picture = picture[:, ::-1]
         path = free_name(Path.cwd(), f"livedrive-{state.avatar}")
         try:
-            Image.fromarray(picture).save(files.create(path))
+            Image.fromarray(picture).save(files.create(path, private=True))
             state.say(f"Saved {path.name} in {path.parent}")
         except OSError as error:
             state.say(f"No picture: {error.strerror or error}")

@@ -121,8 +121,10 @@ def load(name: str, folder: Path | None = None) -> Identity:
     )
 
 
-def save(who: Identity, folder: Path, card: dict[str, Any]) -> None:
-    """Write an avatar file and its card; what is kept is rounded, see `GEOMETRY_STEPS`."""
+def save(who: Identity, folder: Path, card: dict[str, Any], *, private: bool = False) -> None:
+    """Write an avatar file and its card; what is kept is rounded, see `GEOMETRY_STEPS`.
+
+    `private`: for their owner alone (0600), as somebody's face is."""
     hair = who.hair
 
     def byte(values: Floats) -> NDArray[np.uint8]:
@@ -148,4 +150,5 @@ def save(who: Identity, folder: Path, card: dict[str, Any]) -> None:
         "hair_seen": byte(hair.seen),
         **beards.tensors(who.beard),
     }
-    weights_file.save(folder / f"{PREFIX}{who.name}", tensors, {"kind": KIND, **card})
+    path = folder / f"{PREFIX}{who.name}"
+    weights_file.save(path, tensors, {"kind": KIND, **card}, private=private)

@@ -1,6 +1,7 @@
 """One chunk of the fuzz, in the process that runs it: exceptions, hangs and memory are noted.
 
-Allowed outcomes of an input are a result or its border's own error. On Windows hangs are not noted,
+Allowed outcomes of an input are a result or its border's own error; a warning that would be written
+to the user's terminal is none. On Windows hangs are not noted,
 elsewhere than on Linux a peak of memory that is over before the chunk ends.
 """
 
@@ -10,6 +11,7 @@ import os
 import signal
 import sys
 import time
+import warnings
 from collections.abc import Generator
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
@@ -64,7 +66,8 @@ def run_chunk(chunk: Chunk, kept: Path | None = None) -> Done:
     faulthandler.dump_traceback_later(DEAD_S, exit=True)
     place, target = list(TARGETS).index(chunk.target), TARGETS[chunk.target]
     process, done = psutil.Process(os.getpid()), Done(chunk)
-    with TemporaryDirectory() as folder, _watched():
+    with TemporaryDirectory() as folder, _watched(), warnings.catch_warnings():
+        warnings.simplefilter("error")
         fuzzer = Fuzzer(chunk.seed, place, chunk.number)
         feed = target.make(fuzzer, Path(folder))
         with _caught(done, "first", fuzzer, kept):

@@ -5,6 +5,7 @@ import io
 import json
 import os
 import struct
+import warnings
 import zipfile
 from pathlib import Path
 
@@ -139,6 +140,18 @@ def test_npz_headers_that_numpy_stumbles_over_are_refused(tmp_path: Path, descr:
     data = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24)
     with pytest.raises(ValueError):
         files.load_npz(archive(tmp_path / "a.npz", data))
+
+
+@pytest.mark.parametrize("shape", ["(9223372036854775808, 1)", "(3L,)"])
+def test_a_hostile_npz_writes_no_warning(tmp_path: Path, shape: str) -> None:
+    """Found by the fuzz: "invalid value encountered in reduce", "was created on Python 2"."""
+    header = f"{{'descr': '<f8', 'fortran_order': False, 'shape': {shape}, }}".encode()
+    data = b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + bytes(24)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        with pytest.raises(ValueError, match="no whole npz"):
+            files.load_npz(archive(tmp_path / "a.npz", data))
+    assert told == []
 
 
 def test_an_encrypted_npz_is_refused(tmp_path: Path) -> None:

@@ -27,6 +27,8 @@ def test_a_scan_becomes_an_avatar_with_hair_and_a_card(files: dict[str, Path]) -
     # Lips are sealed anew and rounded again: three steps of 1/128 mm on the shipped faces.
     assert np.abs(who.geometry - identity.load("kofi").geometry).max() < 0.03
     assert len(who.hair) == len(identity.load("ben").hair)
+    made = [f for f in files["out"].iterdir() if f.name.startswith("avatar_me")]
+    assert {f.stat().st_mode & 0o777 for f in made} == {0o600}  # red before: 0644
     assert '"geometry": "g.npz"' in (files["out"] / "avatar_me.json").read_text()
 
 

@@ -2,14 +2,19 @@
 
 import contextlib
 import io
+import os
 import re
+import subprocess
 import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import tyro
 
 from app.main import Command, main
+
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.mark.parametrize(
@@ -24,6 +29,29 @@ def test_no_words_and_version(
     monkeypatch.setattr(sys, "argv", ["livedrive", *words])
     main()
     assert said in capsys.readouterr().out
+
+
+def test_a_failure_is_one_line_that_steers_no_terminal(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: a folder that somebody sent could name itself an escape sequence."""
+    monkeypatch.setattr(sys, "argv", ["livedrive", "session", "info", "a\x1b]0;mine\x07\nb"])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    told = capsys.readouterr().err
+    assert ended.value.code == 2 and told.count("\n") == 1
+    assert r"a\x1b]0;mine\x07 b" in told and "\x1b" not in told
+
+
+@pytest.mark.slow
+def test_help_is_shown_on_a_terminal_that_knows_ascii_alone() -> None:
+    """Red before: UnicodeEncodeError at the first dot of a list."""
+    done = subprocess.run(
+        [sys.executable, "-c", "from app.main import main; main()", "-h"],
+        env=os.environ | {"PYTHONPATH": str(ROOT), "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+    )
+    assert done.returncode == 0 and b"doctor" in done.stdout and done.stderr == b""
 
 
 WITHOUT_OPTIONS = {("doctor",), ("avatar", "list"), ("session", "info")}

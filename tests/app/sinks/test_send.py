@@ -250,7 +250,8 @@ def test_a_wrong_gains_file_is_one_line(tmp_path: Path, decoder: Decoder, text: 
 
 
 @pytest.mark.parametrize(
-    "url", ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x"]
+    "url",
+    ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x", "vrchat://h/a%00b"],
 )
 def test_a_wrong_address_is_one_line(url: str) -> None:
     with pytest.raises(InputError, match="vmc://127.0.0.1:39539"):
