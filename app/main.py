@@ -7,7 +7,7 @@ import io
 import shlex
 import sys
 from importlib.metadata import version
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 from tyro.conf import subcommand
@@ -55,8 +55,9 @@ def main() -> None:
     """Entry point of the console script."""
     from sensors.types import InputError
 
-    if isinstance(sys.stdout, io.TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")  # an ASCII terminal: tables lose their lines
+    stdout: Any = sys.stdout
+    if isinstance(stdout, io.TextIOWrapper):
+        stdout.reconfigure(errors="replace")  # an ASCII terminal: tables lose their lines
     if sys.argv[1:] in ([], ["--version"]):
         print(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
         return

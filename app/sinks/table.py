@@ -4,7 +4,7 @@ To add a protocol: a file in app/sinks/protocols/ with its encoder, and a row he
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
@@ -68,9 +68,14 @@ def _vmc(address: Address, outlet: Outlet) -> "SendSink":
 
 
 def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
-    """The path is the prefix of the parameters."""
+    """The path is the prefix of the parameters; the host `auto` is looked for."""
+    from app.sinks.protocols import oscquery
     from app.sinks.protocols.vrchat import PREFIX, VRChatEncoder
 
+    if address.host == "auto":
+        found = oscquery.find()
+        path = address.path or found.prefix or ""
+        address = replace(address, host=found.host, port=found.port, path=path)
     return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX))
 
 
@@ -92,7 +97,9 @@ def _ws(address: Address, outlet: Outlet) -> "WebSink":
 
 SCHEMES: dict[str, SinkScheme] = {
     "vmc": SinkScheme(_vmc, "vmc://127.0.0.1:39539", "VMC programs: VSeeFace, Warudo, VNyan"),
-    "vrchat": SinkScheme(_vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC"),
+    "vrchat": SinkScheme(
+        _vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC; vrchat://auto looks for it"
+    ),
     "livelink": SinkScheme(
         _livelink, "livelink://127.0.0.1:11111", "Live Link Face: Unreal Engine"
     ),

@@ -1,0 +1,94 @@
+"""Finds VRChat on the local network and asks it what its avatar takes: OSCQuery, for `vrchat://auto`.
+
+    mDNS: who is VRChat? -> HTTP: its OSC port -> HTTP: the avatar's parameters -> their prefix
+
+Whoever announces itself as VRChat gets the face, so only that address is sent to which has
+answered, and where several have, the user must choose.
+"""
+
+import asyncio
+import re
+import sys
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+from sensors.files import parse_json
+from sensors.mdns import Announced, announced
+from sensors.types import InputError
+
+SERVICE, CLIENT = "_oscjson._tcp.local.", "VRChat-Client"
+PARAMETERS = "/avatar/parameters"
+FACE = re.compile(PARAMETERS + r"/((?:[\w-]+/){0,4}v2)/JawOpen\w*")  # also as bits: JawOpen1, ...
+WAIT_S, MAX_ANSWER = 2.0, 4 << 20  # of an answer: seconds, bytes
+MAX_NODES = 100_000
+
+
+@dataclass(frozen=True)
+class VRChat:
+    """Where its OSC is, and where the parameters of a face are; None: the avatar has none."""
+
+    host: str
+    port: int
+    prefix: str | None
+
+
+def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
+    """The one VRChat here. Raises InputError where there is none, or several."""
+    asked = list(announced(SERVICE, "--send vrchat://auto", seconds, interfaces))
+    clients = [service for service in asked if service.name.startswith(CLIENT)]
+    found = [v for service in clients if (v := asyncio.run(_ask(service))) is not None]
+    if len({(v.host, v.port) for v in found}) != 1:
+        got = "several: " + ", ".join(f"{v.host}:{v.port}" for v in found) if found else "none"
+        raise InputError(
+            f"--send vrchat://auto: expected one VRChat with OSC on, got {got}; switch OSC on in "
+            "its menu, or name one: --send vrchat://HOST:9000"
+        )
+    where = found[0]
+    face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
+    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}", file=sys.stderr)
+    return where
+
+
+async def _ask(service: Announced) -> VRChat | None:
+    """None where what answers is no OSCQuery."""
+    info = await _get(service, "/?HOST_INFO")
+    port = cast(dict[str, object], info).get("OSC_PORT") if isinstance(info, dict) else None
+    if not isinstance(port, int) or isinstance(port, bool) or not 0 < port < 1 << 16:
+        return None
+    paths = _paths(await _get(service, PARAMETERS))
+    prefix = next((face[1] for path in paths if (face := FACE.fullmatch(path))), None)
+    return VRChat(service.host, port, prefix)
+
+
+async def _get(service: Announced, path: str) -> Any:
+    """What the service answers, as JSON; None where it does not, too late, or too much."""
+    from aiohttp import ClientError, ClientSession, ClientTimeout
+
+    url, data = f"http://{service.host}:{service.port}{path}", b""
+    try:
+        async with (
+            ClientSession(timeout=ClientTimeout(total=WAIT_S)) as session,
+            session.get(url, allow_redirects=False) as answer,
+        ):
+            async for chunk in answer.content.iter_any():
+                data += chunk
+                if len(data) > MAX_ANSWER:
+                    return None
+        return parse_json(data)
+    except (OSError, ClientError, TimeoutError, ValueError):
+        return None
+
+
+def _paths(node: Any) -> Iterator[str]:
+    """Every address at or below a node of OSCQuery."""
+    waiting, seen = [node], 0
+    while waiting and seen < MAX_NODES:
+        here, seen = waiting.pop(), seen + 1
+        if isinstance(here, dict):
+            path: Any = here.get("FULL_PATH")  # pyright: ignore
+            below: Any = here.get("CONTENTS")  # pyright: ignore
+            if isinstance(path, str):
+                yield path
+            if isinstance(below, dict):
+                waiting += below.values()  # pyright: ignore

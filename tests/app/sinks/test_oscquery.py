@@ -1,0 +1,148 @@
+"""`--send vrchat://auto` against a stand-in that announces itself and answers as VRChat does."""
+
+import json
+import socket
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.server import BaseHTTPRequestHandler, HTTPServer
+
+import pytest
+from zeroconf import IPVersion, ServiceInfo, Zeroconf
+
+from app.sinks import table
+from app.sinks.protocols import oscquery
+from app.sinks.protocols.oscquery import CLIENT, SERVICE, VRChat, find
+from render.decoder.decoder import Decoder
+from sensors.clock import ManualClock
+from sensors.types import InputError
+
+pytestmark = pytest.mark.slow
+
+HERE = "127.0.0.1"
+
+
+def tree(*parameters: str) -> dict:
+    """As VRChat answers: a node a part of the address."""
+    root: dict = {"FULL_PATH": "/avatar/parameters", "CONTENTS": {}}
+    for parameter in parameters:
+        node, path = root, "/avatar/parameters"
+        for part in parameter.split("/"):
+            path += f"/{part}"
+            node = node["CONTENTS"].setdefault(part, {"FULL_PATH": path, "CONTENTS": {}})
+    return root
+
+
+INFO = json.dumps({"NAME": "x", "OSC_IP": "10.9.9.9", "OSC_PORT": 9123}).encode()
+FACE = json.dumps(tree("Speed", "FT/v2/JawOpen", "FT/v2/EyeLeftX")).encode()
+
+
+@contextmanager
+def vrchat(info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C") -> Iterator[None]:
+    class Answers(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            data = info if self.path == "/?HOST_INFO" else parameters
+            self.send_response(200)
+            self.end_headers()
+            for k in range(0, len(data), 1 << 16):
+                self.wfile.write(data[k : k + (1 << 16)])
+
+        def log_message(self, *words: object) -> None: ...
+
+    server = HTTPServer((HERE, 0), Answers)
+    threading.Thread(target=server.serve_forever, daemon=True).start()
+    network = Zeroconf(interfaces=[HERE], ip_version=IPVersion.V4Only)
+    network.register_service(
+        ServiceInfo(
+            SERVICE,
+            f"{name}.{SERVICE}",
+            addresses=[socket.inet_aton(HERE)],
+            port=server.server_port,
+            server=f"{name}.local.",
+        )
+    )
+    try:
+        yield
+    finally:
+        network.close()
+        server.shutdown()
+        server.server_close()
+
+
+def looked_for() -> VRChat:
+    return find(1.0, [HERE])
+
+
+def test_it_is_found_with_its_port_and_the_avatars_prefix(
+    decoder: Decoder, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with vrchat(INFO, FACE):
+        found = looked_for()
+    assert found == VRChat(HERE, 9123, "FT/v2")  # the address that answered, not the one it claims
+    assert "FT/v2" in capsys.readouterr().err
+    monkeypatch.setattr(oscquery, "find", lambda: found)
+    (sink,) = table.open_all(["vrchat://auto"], table.Outlet(decoder, "ben", ManualClock()))
+    (receiver,) = sink.receivers  # type: ignore[union-attr]
+    assert receiver._socket.getpeername() == (HERE, 9123)  # noqa: SLF001
+    sink.close()
+
+
+def test_none_and_several_are_told() -> None:
+    with pytest.raises(InputError, match="got none"):
+        looked_for()
+    with (
+        vrchat(INFO, FACE),
+        vrchat(INFO.replace(b"9123", b"9124"), FACE, CLIENT + "-2"),
+        pytest.raises(InputError, match=f"several: {HERE}:912"),
+    ):
+        looked_for()
+
+
+@pytest.mark.parametrize(
+    ("info", "parameters"),
+    [
+        (b"[" * 100_000, FACE),
+        (b"null", FACE),
+        (b'{"OSC_PORT": true}', FACE),
+        (b'{"OSC_PORT": 1e9}', FACE),
+        (b"{" + b" " * (oscquery.MAX_ANSWER + 9), FACE),
+    ],
+)
+def test_what_answers_nonsense_is_no_vrchat(info: bytes, parameters: bytes) -> None:
+    with vrchat(info, parameters), pytest.raises(InputError, match="got none"):
+        looked_for()
+
+
+@pytest.mark.parametrize(
+    "parameters",
+    [b"", b"[[[", b'{"FULL_PATH": 5, "CONTENTS": {"a": {"FULL_PATH": "/avatar/parameters/x"}}}'],
+)
+def test_an_avatar_without_a_face_is_told_and_served(
+    parameters: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with vrchat(INFO, parameters):
+        assert looked_for() == VRChat(HERE, 9123, None)
+    assert "no face parameters" in capsys.readouterr().err
+
+
+def test_an_answer_that_drips_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A byte now and then would hold a timeout of each read off for ever."""
+    monkeypatch.setattr(oscquery, "WAIT_S", 0.5)
+    with socket.create_server((HERE, 0)) as server:
+
+        def drip() -> None:
+            end, _ = server.accept()
+            with end:
+                try:
+                    while True:
+                        end.send(b"H")
+                        time.sleep(0.1)
+                except OSError:
+                    return
+
+        threading.Thread(target=drip, daemon=True).start()
+        there = oscquery.Announced(CLIENT, HERE, server.getsockname()[1], {})
+        monkeypatch.setattr(oscquery, "announced", lambda *words: [there])
+        with pytest.raises(InputError, match="got none"):
+            looked_for()
