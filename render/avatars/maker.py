@@ -23,6 +23,8 @@ from render.gl.occlusion import Occlusion
 from render.types import Floats
 from sensors.types import InputError
 
+HEM_MM = (-192.0, -168.0)  # height on the mean face at which a bust ends
+
 
 class Maker:
     """Computes identities; keeps the prior and a GL context between them."""
@@ -77,12 +79,19 @@ class Maker:
             rest=rest,
             albedo=self.albedo(skin, eye),
             gloss=self._t["anchor_gloss"].astype(np.float32) / np.float32(GLOSS_STEPS),
-            opacity_factors=np.ones(len(self.surface.scales), np.float32),
+            opacity_factors=self.hem(),
             visibility=np.ascontiguousarray(visibility.T),
             biases=self.biases(rest, skin, bald[:, :2]),
             hair=strands.bald(),
             beard=lashes.grow(self.posing, rest, self.skin),
         )
+
+    def hem(self) -> Floats:  # [N] 0..1
+        """How opaque: the bust ends in a fade towards the lower edge of the mesh, not in a cut."""
+        head, (low, high) = self.surface, HEM_MM
+        skin = (self._t["vertex_kinds"][head.used] == SKIN).astype(np.float32)
+        share = np.clip((head.interpolate @ self.template[head.used, 1] - low) / (high - low), 0, 1)
+        return np.where(head.interpolate @ skin > 0.99, share, 1).astype(np.float32)
 
     def visibility(self, rest: Rest, cover: Floats | None = None) -> Floats:  # [U, 4]
         normals = self.normals(rest.geometry)

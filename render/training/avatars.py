@@ -166,12 +166,7 @@ def make(
     cloth = clothes.cover(face.neutral, maker.surface)
     albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
     gloss = who.gloss * (1 - cloth)
-    return replace(
-        who,
-        albedo=albedo,
-        gloss=gloss,
-        opacity_factors=clothes.faded(face.neutral, maker.surface, who.opacity_factors),
-    )
+    return replace(who, albedo=albedo, gloss=gloss)
 
 
 def calm_eyes(maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]

@@ -1,4 +1,4 @@
-"""A shirt below the neck: the bust ends in cloth, and the cloth in a fade, never in a cut."""
+"""A shirt below the neck: the bust ends in cloth, and Maker lets it fade, never in a cut."""
 
 import numpy as np
 
@@ -8,7 +8,6 @@ from render.types import Floats
 
 FRONT_MM, BACK_MM = -132.0, -112.0  # height of the neckline in front and behind
 THICK_MM = 2.2
-FADE_MM = (-192.0, -168.0)  # where the bust ends
 WEAVE = 0.05  # unevenness of the cloth
 
 
@@ -45,12 +44,3 @@ def dyed(
     uneven = 1 + WEAVE * rng.standard_normal((len(albedo), 1))
     shirt = np.array(color, np.float32) * uneven
     return (albedo + cloth[:, None] * (shirt - albedo)).astype(np.float32)
-
-
-def faded(neutral: Floats, head: Surface, shown: Floats) -> Floats:
-    """Transparent towards the lower edge of the mesh."""
-    low, high = FADE_MM
-    y = head.interpolate @ neutral[head.used, 1]
-    on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
-    share = np.clip((y - low) / (high - low), 0, 1)
-    return np.where(on_skin > 0.99, shown * share, shown).astype(np.float32)

@@ -46,6 +46,18 @@ def test_a_new_person_keeps_their_shape_and_takes_their_texture(maker, skin):
     assert all(np.isfinite(getattr(cloud, name)).all() for name in FIELDS)
 
 
+def test_every_bust_ends_in_a_fade(maker, skin):
+    """Red before: only those that are shipped did; one made from a scan had a torn edge."""
+    head = maker.surface
+    heights = head.interpolate @ maker.template[head.used, 1]
+    made = maker.identity("new", identity.load("kofi").geometry, skin)
+    for who in (made, *map(identity.load, identity.shipped())):
+        shown = who.opacity_factors
+        assert shown[heights < -188].max() < 0.2 and (shown[heights < -188] > 0).any()
+        assert 0.3 < shown[(heights > -182) & (heights < -178)].mean() < 0.7
+        assert np.median(shown[heights > -165]) == 1
+
+
 def test_an_identity_survives_its_file(maker, skin, tmp_path):
     lender = identity.load("ada")
     bald = maker.identity("new", identity.load("ben").geometry, skin)
