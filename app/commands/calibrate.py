@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from app.terminal.arguments import File
+from app.terminal.arguments import File, Port
 from sensors.types import InputError
 
 
@@ -22,6 +22,11 @@ class Calibrate:
     """Instead of cameras: a session recorded while following the targets."""
     out: File = None
     """File to write; default: your profile, which `run` reads."""
+    web: Port = None
+    """Show the targets on a web page at this port, also in a headset, e.g. --web 8443; else the
+    terminal names them."""
+    host: str = "127.0.0.1"
+    """Address that --web listens on, as for livedrive run."""
     undo: bool = False
     """Restore the fit before the last calibration; a second --undo takes that back."""
 
@@ -46,7 +51,7 @@ class Calibrate:
         takes = (
             calibrate.takes_of_session(session)
             if session
-            else calibrate.takes_of_cameras(self.eyes)
+            else calibrate.takes_of_cameras(self.eyes, self.web, self.host)
         )
         calibration, fits = fit(takes)
         for words in map(words_of_fit, fits):

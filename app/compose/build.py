@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from app.compose.live import open_page, open_xr, tell
 from app.compose.settings import DriveSettings, FileSettings, HeadMode
 from app.drive import background
+from app.drive.controls import ControlPanel, WithPage
 from app.drive.emotion import EmotionControl, said_with
 from app.drive.emotion_port import OscPort
 from app.drive.loop import Drive
@@ -72,6 +73,8 @@ def build(
     stages, emotions = Stages(), _emotion_control(settings, driver)
     driver.alive = _alive(settings.head, decoder)
     page, xr = page or open_page(settings, clock), xr or open_xr(settings, clock)
+    if page and driver.emotions:
+        page.link.say(emotions=driver.emotions.labels)
     outlet = Outlet(decoder, settings.avatar, clock, settings.network.gains)
     network = [*open_all(settings.network.send, outlet), *([page] if page else [])]
     window = _window(settings, emotions, driver, clock, stages, tape, frames, seats)
@@ -89,7 +92,7 @@ def build(
             *([xr] if xr else []),
         ],
         view=view,
-        panel=window,
+        panel=_panel(window, page, who),
         emotions=emotions,
         record=tape.append if tape else None,
         stages=stages,
@@ -97,6 +100,12 @@ def build(
         seed=settings.seed,
         realtime=settings.realtime,
     )
+
+
+def _panel(
+    window: "WindowSink | None", page: "WebSink | None", who: "Identity"
+) -> ControlPanel | None:
+    return WithPage(window, page.link.picks, who.name) if page else window
 
 
 def _alive(mode: HeadMode, decoder: "Decoder") -> "Alive | None":
@@ -167,7 +176,7 @@ def _window(
     info = WindowInfo(
         title=settings.title,
         avatar=settings.avatar,
-        avatars=tuple(identity.names()),
+        avatars=tuple(dict.fromkeys([*identity.names(), settings.avatar])),  # or a file
         emotions=driver.emotions.labels if driver.emotions else (),
         emotion=emotions.start or "",
         can_record=tape is not None,

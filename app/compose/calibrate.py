@@ -1,14 +1,19 @@
 """Eye samples of a person following the calibration routine, live or recorded."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from app.drive.eye_routine import collect
-from sensors.types import InputError
+from app.drive.eye_routine import collect, words_of
+from sensors.types import NS, Clock, InputError
 
 if TYPE_CHECKING:
-    from encoder.eyes.routine import TargetSamples
+    from app.web.sink import WebSink
+    from encoder.eyes.routine import RoutineStep, TargetSamples
+
+AVATAR = "ben"  # of the page's server; nobody is shown
 
 
 def takes_of_session(session: Path) -> "list[TargetSamples]":
@@ -26,11 +31,14 @@ def takes_of_session(session: Path) -> "list[TargetSamples]":
             "record one with livedrive record DIR --eyes SPEC"
         )
     source = ReplaySource(recording, clock, realtime=False, eyes=True)
-    return collect(source, load_eye_encoder(WEIGHTS), clock, print, live=False)
+    return collect(source, load_eye_encoder(WEIGHTS), clock, lambda _: None, live=False)
 
 
-def takes_of_cameras(specs: Sequence[str]) -> "list[TargetSamples]":
-    """Raises InputError where a camera cannot be used."""
+def takes_of_cameras(
+    specs: Sequence[str], port: int | None = None, host: str = "127.0.0.1"
+) -> "list[TargetSamples]":
+    """The terminal names the targets; with `port`, a page there shows them, on a screen or in a
+    headset. Raises InputError where a camera cannot be used, or the page."""
     from encoder.eyes.encoder import load_eye_encoder
     from encoder.inference import WEIGHTS
     from sensors.cameras.spec import cameras
@@ -38,5 +46,38 @@ def takes_of_cameras(specs: Sequence[str]) -> "list[TargetSamples]":
     from sensors.live.source import LiveSource
 
     clock = MonotonicClock()
-    source = LiveSource(None, cameras(specs, clock), clock)
-    return collect(source, load_eye_encoder(WEIGHTS), clock, print, live=True)
+    source, encoder = LiveSource(None, cameras(specs, clock), clock), load_eye_encoder(WEIGHTS)
+
+    def name(target: "RoutineStep") -> None:
+        print(words_of(target), flush=True)
+
+    if port is None:
+        return collect(source, encoder, clock, name, live=True)
+    with _page(host, port, clock) as page:
+
+        def show(target: "RoutineStep") -> None:
+            name(target)
+            page.link.say(target={**asdict(target), "words": words_of(target)})
+
+        return collect(source, encoder, clock, show, live=True)
+
+
+@contextmanager
+def _page(host: str, port: int, clock: Clock) -> "Generator[WebSink]":
+    """The page of the targets, at which somebody is ready."""
+    from app.drive.sink import RunInfo
+    from app.web.info import ServerInfo
+    from app.web.sink import WebSink
+
+    page = WebSink(ServerInfo(host, port, AVATAR, gaussians="16k", targets=True), clock)
+    try:
+        page.on_start(RunInfo(0, 0, None))
+        print("open it where you will look, and press Start, or Enter VR in a headset", flush=True)
+        while not page.link.status.get("watching"):
+            page.link.read()
+            if page.link.ended:
+                raise InputError("calibrate --web: the page's server has ended; try again")
+            clock.sleep_until_ns(clock.now_ns() + NS // 50)
+        yield page
+    finally:
+        page.close()

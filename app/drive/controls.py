@@ -1,7 +1,8 @@
 """Controls of a running head; the loop reads them at the start of every tick."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,6 +28,30 @@ class ControlPanel(Protocol):
     def read(self) -> Controls:
         """The controls as they are now; never blocks."""
         ...
+
+
+class WithPage:
+    """A panel with what people at the page picked laid over it; what was changed last holds."""
+
+    def __init__(
+        self,
+        panel: ControlPanel | None,  # None: there is the page alone
+        picks: Callable[[], dict[str, Any]],  # fields of Controls, new since the last call
+        avatar: str,
+    ) -> None:
+        self._panel, self._picks = panel, picks
+        self._before = Controls(avatar=avatar)
+        self._picked: dict[str, Any] = {}
+        self._started = False
+
+    def read(self) -> Controls:
+        wanted = self._panel.read() if self._panel else self._before
+        if self._started:
+            changed = {k for k in self._picked if getattr(wanted, k) != getattr(self._before, k)}
+            self._picked = {k: v for k, v in self._picked.items() if k not in changed}
+        self._before, self._started = wanted, True
+        self._picked |= self._picks()
+        return replace(wanted, **self._picked)
 
 
 def muted(packet: Packet) -> Packet:

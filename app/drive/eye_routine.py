@@ -41,11 +41,12 @@ def collect(
     source: Source,
     encoder: "EyeEncoder",
     clock: Clock,
-    tell: Callable[[str], None],
+    show: "Callable[[RoutineStep], None]",
     *,
     live: bool,
 ) -> "list[TargetSamples]":
-    """Follow the routine's schedule on the source's own time and encode what is seen."""
+    """Follow the routine's schedule on the source's own time and encode what is seen; `show` gets
+    each target as its time begins."""
     from encoder.eyes.encoder import new_encoder_state
     from encoder.eyes.routine import ROUTINE, TargetSamples
     from sensors.assemble import Assembler
@@ -63,7 +64,7 @@ def collect(
                 place = int(np.searchsorted(edges, len(rows), side="right")) - 1
                 if place != shown and 0 <= place < len(ROUTINE):
                     shown = place
-                    tell(words_of(ROUTINE[place]))
+                    show(ROUTINE[place])
                 reading = None
                 if frame.eyes is not None:
                     reading, state = encoder.step(frame.eyes, state)

@@ -49,6 +49,7 @@ class PortraitView:
     ) -> None:
         self._decoder, self._identity, self._around = decoder, who, around
         self._renderer, self._camera = renderer, camera
+        self._shown: str = who.name  # or the file that was asked for
         self.renderer_name = renderer.name
 
     def warm_up(self) -> None:
@@ -74,8 +75,8 @@ class PortraitView:
             return self._renderer.read_rgba()
 
     def show(self, avatar: str) -> None:
-        if avatar != self._identity.name:
-            self._identity = identity.load(avatar)
+        if avatar != self._shown:
+            self._identity, self._shown = identity.load(avatar), avatar
 
     def close(self) -> None:
         self._renderer.close()

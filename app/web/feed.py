@@ -24,9 +24,13 @@ class AvatarFeed:
 
     def __init__(self, info: ServerInfo) -> None:
         self._decoder = Decoder.load(gaussians=info.gaussians)
-        self._who = identity.load(info.avatar)
         self._read = FaceReader(self._decoder, Path(info.gains) if info.gains else None)
         self._company = None if info.seats is None else Company(self._decoder, Seats(info.seats))
+        self.show(info.avatar)
+
+    def show(self, avatar: str) -> None:
+        """From now on this one; `base` is theirs. Raises InputError."""
+        self._who = identity.load(avatar)
         _, rest = self._decoder.decode(np.zeros(EXPRESSION_DIM, np.float32), AHEAD, self._who)
         self._neck = self._decoder.cached(self._who).neck
         self._begin(rest)

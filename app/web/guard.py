@@ -54,6 +54,17 @@ def check(token: str | None, port: int):  # noqa: ANN201
     return middleware
 
 
+def listen(host: str, port: int, send_buffer: int) -> socket.socket:
+    """A listening socket whose connections may hold that many bytes."""
+    listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
+    listener.bind((host.strip("[]"), port))
+    listener.listen(BACKLOG)
+    listener.setblocking(False)
+    return listener
+
+
 class ConnectionLimiter:
     """Accepts connections no faster than a flood may cost; who must wait, waits in the kernel."""
 

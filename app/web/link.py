@@ -1,7 +1,7 @@
 """The socket between the loop and the web server's process: ticks one way, sound the other.
 
     loop -> WebSink -> ServerLink == socket ==> server
-    page's microphone -> server == socket ==> ServerLink -> loop
+    page's microphone, poses and picks -> server == socket ==> ServerLink -> loop
 
 Neither end ever waits: what does not fit is dropped and counted. When one end dies, the other reads
 the end of the stream.
@@ -32,7 +32,7 @@ TICK = np.dtype(
         ("breath", "<f4"),
     ]
 )
-SOUND, STATUS, POSE = b"A", b"S", b"H"  # first byte of a packet from the server
+SOUND, STATUS, POSE, PICKS = b"A", b"S", b"H", b"C"  # first byte of a packet from the server
 SOUND_HEAD = struct.Struct("<cqqq")  # kind, page number, first sample, arrival in ns
 POSE_HEAD = struct.Struct("<cq")  # kind, arrival in ns; then the page's message
 MAX_SOUNDS = 256  # packets of 10 ms that wait for the loop; the oldest go first
@@ -68,6 +68,7 @@ class ServerLink:
         self.status: dict[str, Any] = {}  # what the server last said of itself
         self.sounds: deque[tuple[int, int, int, NDArray[np.float32]]] = deque(maxlen=MAX_SOUNDS)
         self.poses: deque[tuple[int, bytes]] = deque(maxlen=MAX_POSES)  # arrival ns, message
+        self._picks: dict[str, Any] = {}
         self.dropped = 0  # ticks that the server was too slow for
         self.ended = False
         self._end = end
@@ -80,6 +81,17 @@ class ServerLink:
         except OSError:
             self.ended = True
 
+    def say(self, **words: Any) -> None:
+        """Tell the server `emotions` that a page may pick, or the `target` of a calibration."""
+        with contextlib.suppress(OSError):
+            self._end.send(json.dumps(words).encode())
+
+    def picks(self) -> dict[str, Any]:
+        """What people at the page have picked since the last call: fields of Controls."""
+        self.read()
+        found, self._picks = self._picks, {}
+        return found
+
     def read(self) -> None:
         """Take in what the server has sent: page, first sample, arrival in ns, samples [n]."""
         for packet in () if self.ended else self._end.waiting():
@@ -90,6 +102,8 @@ class ServerLink:
             elif packet[:1] == POSE:
                 _, arrival_ns = POSE_HEAD.unpack_from(packet)
                 self.poses.append((arrival_ns, packet[POSE_HEAD.size :]))
+            elif packet[:1] == PICKS:
+                self._picks |= json.loads(packet[1:])
             elif packet[:1] == STATUS:
                 self.status |= json.loads(packet[1:])
             else:

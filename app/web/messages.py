@@ -1,16 +1,21 @@
-"""Messages from a page: poses of the headset, and counted chunks of its microphone's sound.
+"""Messages from a page: poses of the headset, chunks of its microphone's sound, what was picked.
 
 page: XRViewerPose -> 9 numbers -> WebSocket /pose -> Uplink -> socket -> ServerLink.poses
 page: AudioWorklet -> 480 samples -> WebSocket /microphone -> Uplink -> socket -> WebMicrophone
 
-Both are checked in form here; the loop checks the numbers of a pose.
+page: POST /controls {"emotion": "happy:0.5"} -> Picks -> socket -> ServerLink.picks
+
+All are checked in form here; the loop checks the numbers of a pose.
 """
 
 import struct
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from app.web.link import POSE, POSE_HEAD, SOUND, SOUND_HEAD
+from sensors.files import parse_json
 
 # The page's clock in ms; position m and quaternion xyzw of WebXR; 1 where it is tracked.
 MESSAGE = struct.Struct("<9d")
@@ -61,3 +66,34 @@ class SoundMessages:
             return None
         self._expected = first + num
         return SOUND_HEAD.pack(SOUND, self._page, first, arrival_ns) + data[CHUNK_HEAD.size :]
+
+
+class Picks:
+    """What people at the page may change of the run, and how it stands; all pages share it."""
+
+    max_rate = 20.0
+
+    def __init__(self, avatar: str, avatars: Sequence[str]) -> None:
+        self.avatars = list(dict.fromkeys([*avatars, avatar]))  # which may be a file
+        self.emotions = list[str]()  # the loop tells them
+        self.state: dict[str, Any] = {"avatar": avatar, "emotion": None, "muted": False}
+
+    @property
+    def offers(self) -> dict[str, Any]:
+        return {"avatars": self.avatars, "emotions": self.emotions, **self.state}
+
+    def read(self, data: bytes) -> dict[str, Any]:
+        """The fields of `state` that are asked for; ValueError where one is none, or impossible."""
+        asked = parse_json(data)
+        if not isinstance(asked, dict) or not all(self._is_good(*item) for item in asked.items()):  # pyright: ignore
+            raise ValueError("no such control")
+        return asked  # pyright: ignore
+
+    def _is_good(self, name: object, value: object) -> bool:
+        if name == "muted":
+            return isinstance(value, bool)
+        if name == "avatar":
+            return value in self.avatars
+        words, _, intensity = value.partition(":") if isinstance(value, str) else ("", "", "")
+        known = words in self.emotions and (not intensity or 0 <= float(intensity) <= 1)
+        return name == "emotion" and (value is None or known)

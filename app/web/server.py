@@ -5,6 +5,7 @@ WebSocket /microphone -> socket
 """
 
 import asyncio
+import contextlib
 import json
 import mimetypes
 import socket
@@ -20,13 +21,14 @@ from app.process import child
 from app.process.channel import Channel
 from app.web import access, certificate
 from app.web.feed import AvatarFeed
-from app.web.guard import BACKLOG, ConnectionLimiter, check
+from app.web.guard import ConnectionLimiter, RateLimit, check, listen
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
-from app.web.link import STATUS, unpack_tick
-from app.web.messages import PoseMessages, SoundMessages
+from app.web.link import PICKS, STATUS, TICK, unpack_tick
+from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
+from render.decoder import identity
 from sensors.types import InputError
 
 PAGE = Path(__file__).parent / "page"
@@ -52,10 +54,13 @@ class WebServer:
     def __init__(self, info: ServerInfo, end: Channel, now_s: float) -> None:
         """`now_s`: Unix time, for the dates of a certificate."""
         self._info, self._end, self._now_s = info, end, now_s
-        self._listener = self._listen()
+        self._listener = listen(info.host, info.port, SEND_BUFFER)
         self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
+        self._targets = Hub(1, binary=False)
         self._voice, self._poses = Uplink(end, SoundMessages()), Uplink(end, PoseMessages())
+        self._picks = Picks(info.avatar, identity.names())
+        self._picking = RateLimit(Picks.max_rate, time.monotonic())
         self._newest: DrivenFrame | None = None
         self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
         self._assets = {p.name: p.read_bytes() for p in PAGE.iterdir() if p.is_file()}
@@ -92,6 +97,7 @@ class WebServer:
             "ticks": self._ticks,
             "pages": len(self._clouds),
             "programs": len(self._names),
+            "watching": len(self._targets),
             "sent": self._clouds.sent + self._names.sent,
             "skipped": self._clouds.dropped + self._names.dropped,
             "refused": self._limiter.refused,
@@ -105,6 +111,9 @@ class WebServer:
             app.router.add_get("/head", self._serve_clouds)
             app.router.add_get("/json", self._serve_names)
             app.router.add_get("/offers", self._offers)
+            app.router.add_post("/controls", self._pick)
+            if self._info.targets:
+                app.router.add_get("/targets", self._serve_targets)
             if self._info.microphone:
                 app.router.add_get("/microphone", self._serve_voice)
             if self._info.head:
@@ -112,16 +121,6 @@ class WebServer:
             app.router.add_get("/{name}", self._asset)
         else:
             app.router.add_get("/", self._serve_names)
-
-    def _listen(self) -> socket.socket:
-        family = socket.AF_INET6 if ":" in self._info.host else socket.AF_INET
-        listener = socket.socket(family, socket.SOCK_STREAM)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER)
-        listener.bind((self._info.host.strip("[]"), self._info.port))
-        listener.listen(BACKLOG)
-        listener.setblocking(False)
-        return listener
 
     def _tls(self) -> ssl.SSLContext:
         hosts = [*self._hosts(), "localhost", "127.0.0.1", socket.gethostname()]
@@ -158,12 +157,21 @@ class WebServer:
                 if not ended.done():
                     ended.set_result(None)
                 return
+            if len(packet) != TICK.itemsize:
+                self._hear(json.loads(packet))
+                continue
             self._newest = unpack_tick(packet)
             self._ticks += 1
             if self._names:
                 self._names.post(self._head.names(self._newest))
         if self._clouds and self._newest:
             self._clouds.post(self._newest_cloud(self._newest))
+
+    def _hear(self, said: dict[str, Any]) -> None:
+        """What the loop has to say beside ticks."""
+        self._picks.emotions = said.get("emotions", self._picks.emotions)
+        if "target" in said:
+            self._targets.post(json.dumps(said["target"]).encode())
 
     def _newest_cloud(self, newest: DrivenFrame) -> bytes:
         if self._cloud[0] != newest.index:
@@ -185,8 +193,26 @@ class WebServer:
         )
 
     async def _offers(self, _: web.Request) -> web.Response:
-        offers = {"microphone": self._info.microphone, "head": self._info.head}
-        return web.json_response(offers)
+        info, picks = self._info, self._picks.offers
+        offers = {"microphone": info.microphone, "head": info.head, "targets": info.targets}
+        return web.json_response(offers | {"controls": picks})
+
+    async def _pick(self, request: web.Request) -> web.Response:
+        """Somebody at a page changes who is shown, the emotion, or mutes the sound."""
+        if not self._picking.spend(time.monotonic()):
+            raise web.HTTPTooManyRequests(text="Too many changes.\n")
+        try:
+            asked = self._picks.read(await request.read())
+            if asked.get("avatar", self._picks.state["avatar"]) != self._picks.state["avatar"]:
+                self._head.show(asked["avatar"])
+                self._cloud = (-1, b"")
+                self._clouds.begin(self._head.base)
+        except ValueError as error:
+            raise web.HTTPBadRequest(text=f"{error}\n") from None
+        self._picks.state |= asked
+        with contextlib.suppress(OSError):  # the loop is gone
+            self._end.send(PICKS + json.dumps(asked).encode())
+        return web.json_response(self._picks.state)
 
     async def _serve_clouds(self, request: web.Request) -> web.StreamResponse:
         newest = [self._newest_cloud(self._newest)] if self._newest else []
@@ -196,6 +222,9 @@ class WebServer:
     async def _serve_names(self, request: web.Request) -> web.StreamResponse:
         first = [self._head.names(self._newest)] if self._newest else []
         return await self._stay(request, self._names.serve(request, first))
+
+    async def _serve_targets(self, request: web.Request) -> web.StreamResponse:
+        return await self._stay(request, self._targets.serve(request, []))
 
     async def _serve_voice(self, request: web.Request) -> web.StreamResponse:
         return await self._stay(request, self._voice.serve(request))

@@ -3,10 +3,12 @@
 // `?bare` hides the controls, for use as a browser source in other programs.
 
 import { Orbit, place, multiply } from "./camera.js";
+import { offerControls } from "./controls.js";
 import { Headset } from "./xr.js";
 import { Microphone } from "./microphone.js";
 import { PoseSender } from "./pose.js";
 import { Splats } from "./splats.js";
+import { Targets } from "./targets.js";
 
 const get = (id) => document.getElementById(id);
 const canvas = get("view");
@@ -75,7 +77,7 @@ const headset = new Headset(gl, {
 });
 
 worker.onmessage = ({ data }) => {
-  if (data.kind === "state") return say(data.text);
+  if (data.kind === "state") return headset.targets ? null : say(data.text);
   if (data.kind === "base") return splats.setBase(data);
   if (data.kind === "tick") return stats.updates = data.updates;
   splats.set(data.words, data.sorted, data.neck);
@@ -108,6 +110,7 @@ get("vr").onclick = async () => {
     if (headset.session) return await headset.leave();
     await headset.enter();
     poses?.start();
+    headset.targets?.start();
     get("vr").textContent = "Leave VR";
   } catch (error) {
     say(`VR: ${error.message}`);
@@ -141,6 +144,18 @@ canvas.onwheel = (event) => {
 };
 
 const offers = await (await fetch("offers")).json();
+if (offers.targets) {
+  headset.targets = new Targets(`${sockets}targets`, get("target"), say);
+  get("start").hidden = false;
+  get("start").onclick = () => {
+    document.querySelector("nav").hidden = true;
+    headset.targets.start();
+  };
+  get("mode").hidden = true;
+  say("sit 60 cm before the screen, or enter VR");
+} else {
+  offerControls(get, offers.controls, say);
+}
 if (offers.head) poses = new PoseSender(`${sockets}pose`);
 get("vr").hidden = !(await Headset.supported());  // last: who enters at once sends poses
 get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;

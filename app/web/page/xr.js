@@ -7,7 +7,7 @@ const MM = 0.001;    // m
 
 export class Headset {
   // `draw(modelView, projection, viewport)` draws one eye, `aim(modelView)` asks for a new order,
-  // `posed(time, pose)` is told where the headset is.
+  // `posed(time, pose)` is told where the headset is. With `targets` those are drawn, and no head.
   constructor(gl, { draw, aim, isMirror, posed, ended }) {
     Object.assign(this, { gl, draw, aim, isMirror, posed, ended, session: null });
   }
@@ -58,6 +58,11 @@ export class Headset {
       const port = layer.getViewport(view);
       if (!port) continue;
       gl.viewport(port.x, port.y, port.width, port.height);
+      if (this.targets) {
+        const eye = multiply(view.transform.inverse.matrix, pose.transform.matrix);
+        this.targets.draw(gl, port, view.projectionMatrix, eye);
+        continue;
+      }
       const modelView = multiply(view.transform.inverse.matrix, model);
       this.draw(modelView, view.projectionMatrix, port.width, port.height);
     }

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -11,11 +12,12 @@ import pytest
 from app.commands.calibrate import Calibrate
 from app.compose import calibrate
 from app.drive.calibration import in_session, keep, of_session, of_user, profile_path, undo
-from app.drive.eye_routine import collect
+from app.drive.eye_routine import collect, words_of
+from app.web.info import ServerInfo
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.encoder import EyeReading
 from encoder.eyes.format import unit
-from encoder.eyes.routine import ROUTINE, TargetSamples
+from encoder.eyes.routine import ROUTINE, RoutineStep, TargetSamples
 from render.types import AHEAD
 from sensors.clock import ManualClock
 from sensors.session.recording import RecordingWriter
@@ -60,7 +62,11 @@ grey = Grey()
 
 def test_collects_what_each_target_showed() -> None:
     said: list[str] = []
-    takes = collect(Pictures(), grey, ManualClock(), said.append, live=False)  # type: ignore[arg-type]
+
+    def show(target: RoutineStep) -> None:
+        said.append(words_of(target))
+
+    takes = collect(Pictures(), grey, ManualClock(), show, live=False)  # type: ignore[arg-type]
     assert [take.target for take in takes] == list(ROUTINE)
     assert len(said) == len(ROUTINE) and said[0] == "look straight ahead"
     assert said[1].endswith("left") and said[4].endswith("down")
@@ -124,11 +130,46 @@ def test_nothing_is_written_where_nobody_followed(
     """Red before: it was written."""
     path = tmp_path / "eyes.json"
     keep(EyeCalibration(), path)
-    monkeypatch.setattr(calibrate, "takes_of_cameras", lambda specs: wandering(3))
+    monkeypatch.setattr(calibrate, "takes_of_cameras", lambda *words: wandering(3))
     with pytest.raises(InputError, match="nothing was written"):
         Calibrate(eyes=("uvc:0",), out=path).run()
     assert of_user(path) == EyeCalibration() and len(list(tmp_path.iterdir())) == 1
     assert "did not follow" in capsys.readouterr().out
+
+
+class Page:
+    """A page that somebody opens a while after the start."""
+
+    made: ClassVar[list[Page]] = []
+
+    def __init__(self, info: ServerInfo, clock: object) -> None:
+        self.info, self.link, self.status, self.ended = info, self, {"watching": 0}, False
+        self.said: list[dict[str, object]] = []
+        self.made.append(self)
+
+    def on_start(self, info: object) -> None: ...
+    def close(self) -> None:
+        self.ended = True
+
+    def read(self) -> None:
+        self.said.append({})
+        self.status["watching"] = int(len(self.said) > 5)
+
+    def say(self, target: dict[str, object]) -> None:
+        assert self.status["watching"], "nobody was there yet"
+        self.said.append(target)
+
+
+def test_a_page_shows_the_targets_once_somebody_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: there was terminal text alone, which nobody sees in a headset."""
+    monkeypatch.setattr("app.web.sink.WebSink", Page)
+    monkeypatch.setattr("sensors.live.source.LiveSource", lambda *words: Pictures(400))
+    monkeypatch.setattr("encoder.eyes.encoder.load_eye_encoder", lambda folder: grey)
+    takes = calibrate.takes_of_cameras(("uvc:0",), 8443)
+    (page,) = Page.made
+    said = [target for target in page.said if target]
+    assert len(takes) == len(said) == len(ROUTINE) and page.ended and page.info.targets
+    assert [t["yaw_deg"] for t in said[1:3]] == [15, -15] and said[5]["words"].startswith("blink")  # type: ignore[union-attr]
 
 
 def test_a_session_without_eyes_is_told(tmp_path: Path) -> None:

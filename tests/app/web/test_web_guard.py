@@ -67,7 +67,8 @@ def test_beyond_this_machine_there_is_https_and_a_token(
             jar = aiohttp.CookieJar(unsafe=True)
             async with aiohttp.ClientSession(cookie_jar=jar) as session:
                 for path in ("", "main.js", "head", "?token=wrong"):
-                    assert (await session.get(f"{local}{path}", ssl=trust)).status == 403
+                    refused = await session.get(f"{local}{path}", ssl=trust)
+                    assert refused.status == 403 and "as livedrive printed" in await refused.text()
                 page = await session.get(f"{local}?token={token}", ssl=trust)
                 assert page.status == 200
                 cookie = page.headers["Set-Cookie"]
