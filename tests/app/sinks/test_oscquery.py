@@ -1,6 +1,7 @@
 """`--send vrchat://auto` against a stand-in that announces itself and answers as VRChat does."""
 
 import json
+import secrets
 import socket
 import threading
 import time
@@ -13,7 +14,7 @@ from zeroconf import IPVersion, ServiceInfo, Zeroconf
 
 from app.sinks import table
 from app.sinks.protocols import oscquery
-from app.sinks.protocols.oscquery import CLIENT, SERVICE, VRChat, find
+from app.sinks.protocols.oscquery import CLIENT, VRChat, find
 from render.decoder.decoder import Decoder
 from sensors.clock import ManualClock
 from sensors.types import InputError
@@ -21,6 +22,12 @@ from sensors.types import InputError
 pytestmark = pytest.mark.slow
 
 HERE = "127.0.0.1"
+
+
+@pytest.fixture(autouse=True)
+def own_service(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All processes of this machine hear each other's announcements, and tests run side by side."""
+    monkeypatch.setattr(oscquery, "SERVICE", f"_o{secrets.token_hex(6)}._tcp.local.")
 
 
 def tree(*parameters: str) -> dict:
@@ -55,8 +62,8 @@ def vrchat(info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C") -> It
     network = Zeroconf(interfaces=[HERE], ip_version=IPVersion.V4Only)
     network.register_service(
         ServiceInfo(
-            SERVICE,
-            f"{name}.{SERVICE}",
+            oscquery.SERVICE,
+            f"{name}.{oscquery.SERVICE}",
             addresses=[socket.inet_aton(HERE)],
             port=server.server_port,
             server=f"{name}.local.",
