@@ -2,11 +2,11 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import Amount, File, Number
+from app.terminal.arguments import Amount, File, Number, optional
 from app.train.settings import Baseline, Preset, Stage, TrainSettings, Variant
 
 
@@ -29,7 +29,7 @@ class Train:
     encoder, an `offline` teacher with full attention, regression with a `lookahead` of 5 frames,
     a loss left out (`no-...`), jitter not normalised (`plain-jitter`), or, for emotion, all
     weights trained instead of the added layer (`fine-tune`, `fine-tune-lip` with L_lip)."""
-    name: Baseline | None = None
+    name: Annotated[Baseline | None, optional("talkshow|audio2photoreal|diffposetalk")] = None
     """peers: which of the paper's baselines (table 1) to train a twin of; it goes to DATA/peers,
     for `eval speech --peers`."""
     leave_out: tuple[str, ...] = ()
