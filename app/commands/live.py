@@ -57,8 +57,9 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
     headless: bool = False
     """Open no window."""
 
-    def live_drive_settings(self, title: str) -> DriveSettings:
-        """All options as settings; without --headless there is a window."""
+    def live_drive_settings(self, title: str, *, web_sound: bool = False) -> DriveSettings:
+        """All options as settings; without --headless there is a window. `web_sound`: partners are
+        heard at the page."""
         if self.headless and self.window:
             raise InputError("window: expected --headless or --window, got both; give one")
         self.window = not self.headless
@@ -69,6 +70,7 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
             head=self.live_settings().head_mode,
             web_microphone=self.mic == "web",
             web_head=self.head in ("auto", "web"),
+            web_sound=web_sound,
         )
 
 

@@ -102,6 +102,7 @@ class DriveOptions:
         head: HeadMode = "auto",
         web_microphone: bool = False,
         web_head: bool = False,
+        web_sound: bool = False,
     ) -> DriveSettings:
         """These options as settings; raises InputError if they cannot be used."""
         confirm.overwriting(
@@ -141,5 +142,6 @@ class DriveOptions:
                 host=self.host,
                 microphone=web_microphone,
                 head=web_head,
+                sound=web_sound,
             ),
         )

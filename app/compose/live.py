@@ -94,6 +94,7 @@ def open_page(settings: DriveSettings, clock: Clock, seats: str | None = None) -
         gaussians=settings.gaussians,
         microphone=network.microphone,
         head=network.head,
+        sound=network.sound,
         gains=str(network.gains.resolve()) if network.gains else None,
         seats=seats,
     )

@@ -13,6 +13,7 @@ from app.drive.loop import Drive, Summary
 from app.drive.sink import Sink
 
 if TYPE_CHECKING:
+    from app.call.live.link import CallLink
     from app.call.live.tape import CallTape
     from app.call.table.seats import Seats
     from app.drive.tape import Tape
@@ -42,6 +43,11 @@ class LiveRun:
     def open_recorder(self, folder: Path) -> "LiveRecorder":
         """Record into a new session, with the calibration that the driver uses."""
         return open_recorder(folder, self.source, in_session(self._driver))
+
+    def hear_at_page(self, link: "CallLink") -> None:
+        """Let the page play the partners of a call, where the settings ask for it."""
+        if self._page and self.settings.network.sound:
+            link.on_played.append(self._page.link.hear)
 
     def build(self, tape: "Tape | CallTape", sinks: Sequence[Sink] = ()) -> Drive:
         from sensors.audio.portaudio import silence_native_messages

@@ -49,10 +49,13 @@ class NetworkSettings:
     host: str = "127.0.0.1"  # address that the page is served at
     microphone: bool = False  # the run listens to the page's microphone
     head: bool = False  # ... and to its headset
+    sound: bool = False  # the page plays the partners of a call
 
     def __post_init__(self) -> None:
         if self.web is not None and not 0 <= self.web <= 65535:
             raise InputError(f"--web: expected a port in 0..65535, got {self.web}; try --web 8443")
+        if self.sound and self.web is None:
+            raise InputError("--speaker web: expected the page of --web, got none; add --web 8443")
 
     @property
     def is_used(self) -> bool:

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 from collections import deque
+from collections.abc import Sequence
 
 from aiohttp import WSMsgType, web
 
@@ -40,7 +41,9 @@ class Hub:
         while any(self._boxes) and asyncio.get_running_loop().time() < end:
             await asyncio.sleep(0.01)
 
-    async def serve(self, request: web.Request, first: list[bytes]) -> web.WebSocketResponse:
+    async def serve(
+        self, request: web.Request, first: Sequence[bytes] = ()
+    ) -> web.WebSocketResponse:
         """Send `first`, then whatever is posted, until the listener leaves or misbehaves."""
         if len(self._boxes) >= MAX_LISTENERS:
             raise web.HTTPServiceUnavailable(text="Too many listeners.\n")
@@ -66,7 +69,7 @@ class Hub:
         ws: web.WebSocketResponse,
         transport: asyncio.Transport | None,
         box: "_Box",
-        first: list[bytes],
+        first: Sequence[bytes],
     ) -> None:
         try:
             for message in first:

@@ -17,6 +17,7 @@ class ServerInfo:
     page: bool = True  # False: JSON only, for a `ws://` target
     microphone: bool = False  # the run listens to the page's microphone
     head: bool = False  # ... and to its headset
+    sound: bool = False  # the page plays the partners of a call
     targets: bool = False  # a calibration: the page shows where to look, and no head
     gains: str | None = None  # path of a gains file for the JSON
     seats: str | None = None  # handle of a call's seats: partners are shown too

@@ -86,6 +86,11 @@ class ServerLink:
         with contextlib.suppress(OSError):
             self._end.send(json.dumps(words).encode())
 
+    def hear(self, samples: bytes) -> None:
+        """Let pages play this: 48 kHz mono, 16 bits. From any thread."""
+        with contextlib.suppress(OSError):
+            self._end.send(SOUND + samples)
+
     def picks(self) -> dict[str, Any]:
         """What people at the page have picked since the last call: fields of Controls."""
         self.read()

@@ -21,10 +21,10 @@ from app.process import child
 from app.process.channel import Channel
 from app.web import access, certificate
 from app.web.feed import AvatarFeed
-from app.web.guard import ConnectionLimiter, RateLimit, check, listen
+from app.web.guard import ConnectionLimiter, Handler, RateLimit, check, listen
 from app.web.hub import Hub
 from app.web.info import ServerInfo, is_loopback
-from app.web.link import PICKS, STATUS, TICK, unpack_tick
+from app.web.link import PICKS, SOUND, STATUS, TICK, unpack_tick
 from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
@@ -33,6 +33,7 @@ from sensors.types import InputError
 
 PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
+SOUND_DEPTH = 20  # packets of 10 ms that may wait for a page
 JSON_DEPTH = 30  # ticks that may wait for a program; for a page only the newest does
 STATUS_S = 0.5
 NICENESS = 10  # the tick goes first
@@ -57,7 +58,7 @@ class WebServer:
         self._listener = listen(info.host, info.port, SEND_BUFFER)
         self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
-        self._targets = Hub(1, binary=False)
+        self._targets, self._sounds = Hub(1, binary=False), Hub(SOUND_DEPTH, binary=True)
         self._voice, self._poses = Uplink(end, SoundMessages()), Uplink(end, PoseMessages())
         self._picks = Picks(info.avatar, identity.names())
         self._picking = RateLimit(Picks.max_rate, time.monotonic())
@@ -113,11 +114,13 @@ class WebServer:
             app.router.add_get("/offers", self._offers)
             app.router.add_post("/controls", self._pick)
             if self._info.targets:
-                app.router.add_get("/targets", self._serve_targets)
+                app.router.add_get("/targets", self._serving(self._targets))
+            if self._info.sound:
+                app.router.add_get("/sound", self._serving(self._sounds))
             if self._info.microphone:
-                app.router.add_get("/microphone", self._serve_voice)
+                app.router.add_get("/microphone", self._serving(self._voice))
             if self._info.head:
-                app.router.add_get("/pose", self._serve_poses)
+                app.router.add_get("/pose", self._serving(self._poses))
             app.router.add_get("/{name}", self._asset)
         else:
             app.router.add_get("/", self._serve_names)
@@ -158,7 +161,7 @@ class WebServer:
                     ended.set_result(None)
                 return
             if len(packet) != TICK.itemsize:
-                self._hear(json.loads(packet))
+                self._hear(packet)
                 continue
             self._newest = unpack_tick(packet)
             self._ticks += 1
@@ -167,8 +170,12 @@ class WebServer:
         if self._clouds and self._newest:
             self._clouds.post(self._newest_cloud(self._newest))
 
-    def _hear(self, said: dict[str, Any]) -> None:
+    def _hear(self, packet: bytes) -> None:
         """What the loop has to say beside ticks."""
+        if packet[:1] == SOUND:
+            self._sounds.post(packet[1:])
+            return
+        said = json.loads(packet)
         self._picks.emotions = said.get("emotions", self._picks.emotions)
         if "target" in said:
             self._targets.post(json.dumps(said["target"]).encode())
@@ -194,8 +201,8 @@ class WebServer:
 
     async def _offers(self, _: web.Request) -> web.Response:
         info, picks = self._info, self._picks.offers
-        offers = {"microphone": info.microphone, "head": info.head, "targets": info.targets}
-        return web.json_response(offers | {"controls": picks})
+        names = ("microphone", "head", "targets", "sound")
+        return web.json_response({n: getattr(info, n) for n in names} | {"controls": picks})
 
     async def _pick(self, request: web.Request) -> web.Response:
         """Somebody at a page changes who is shown, the emotion, or mutes the sound."""
@@ -223,14 +230,13 @@ class WebServer:
         first = [self._head.names(self._newest)] if self._newest else []
         return await self._stay(request, self._names.serve(request, first))
 
-    async def _serve_targets(self, request: web.Request) -> web.StreamResponse:
-        return await self._stay(request, self._targets.serve(request, []))
+    def _serving(self, hub: Hub | Uplink) -> Handler:
+        """A WebSocket that begins with nothing."""
 
-    async def _serve_voice(self, request: web.Request) -> web.StreamResponse:
-        return await self._stay(request, self._voice.serve(request))
+        async def serve(request: web.Request) -> web.StreamResponse:
+            return await self._stay(request, hub.serve(request))
 
-    async def _serve_poses(self, request: web.Request) -> web.StreamResponse:
-        return await self._stay(request, self._poses.serve(request))
+        return serve
 
     async def _stay(self, request: web.Request, serving: Any) -> web.StreamResponse:
         self._limiter.settle(request)
@@ -240,7 +246,5 @@ class WebServer:
             self._limiter.leave(request)
 
     def _tell(self, **status: Any) -> None:
-        try:
+        with contextlib.suppress(OSError):  # the loop is busy or gone; the next status says it all
             self._end.send(STATUS + json.dumps(status).encode())
-        except OSError:
-            return  # the loop is busy or gone; the next status says it all

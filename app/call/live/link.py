@@ -42,7 +42,7 @@ class CallLink:
         self.error = ""
         self.ended = False
         self.muted = self.eyes_muted = False
-        self.on_played: Callable[[bytes], None] | None = None
+        self.on_played: list[Callable[[bytes], None]] = []  # each gets what the partners say
         self._tell = tell
         self._avatars = tempfile.TemporaryDirectory(prefix="livedrive-call-")
         settings = replace(settings, avatars=self._avatars.name)
@@ -96,8 +96,8 @@ class CallLink:
 
     def _take(self, kind: bytes, body: bytes) -> None:
         if kind == protocol.PLAYED:
-            if self.on_played:
-                self.on_played(body)
+            for played in self.on_played:
+                played(body)
         elif kind == protocol.LINE:
             self._tell(body.decode(errors="replace"))
         elif kind == protocol.INVITE:
@@ -119,7 +119,7 @@ class CallMicrophone:
     ) -> None:
         self._microphone, self._link, self._cleaner = microphone, link, cleaner
         if cleaner is not None:
-            link.on_played = cleaner.played
+            link.on_played.append(cleaner.played)
         self.problem, self.losses, self.reopened = "", 0, 0
         self._packets: deque[Packet] = deque(maxlen=WAITING)
         self._closing = threading.Event()

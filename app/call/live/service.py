@@ -40,6 +40,7 @@ from sensors.types import NS, SAMPLE_RATE, Clock
 
 PLAYED = 480  # samples that go to the echo canceller at a time
 TELL_S = 1.0
+WEB_NS = 80_000_000  # that a page holds sound back for an even stream: sound.js
 
 
 class Service:
@@ -132,17 +133,19 @@ class Service:
     def _open_speaker(
         self, settings: CallSettings
     ) -> tuple[Speaker | None, asyncio.Task[None] | None]:
-        if settings.speaker == "none":
-            return None, asyncio.create_task(self._pull_unheard())
+        if settings.speaker in ("none", "web"):
+            later_ns = WEB_NS if settings.speaker == "web" else 0
+            return None, asyncio.create_task(self._pull_unheard(later_ns))
         return Speaker(settings.speaker, self._clock, self._pull), None
 
-    async def _pull_unheard(self) -> None:
-        """Without a loudspeaker the clock plays, so that the faces keep their time."""
+    async def _pull_unheard(self, later_ns: int) -> None:
+        """Without a loudspeaker the clock plays, so that the faces keep their time; a page is heard
+        that much later."""
         due_ns = self._clock.now_ns()
         while True:
             due_ns = max(due_ns + PULL * NS // SAMPLE_RATE, self._clock.now_ns() - NS)
             await asyncio.sleep(max(0, (due_ns - self._clock.now_ns()) / NS))
-            self._pull(PULL, due_ns)
+            self._pull(PULL, due_ns + later_ns)
 
     def _pull(self, count: int, heard_ns: int) -> np.ndarray:
         with self._lock:

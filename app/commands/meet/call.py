@@ -33,8 +33,8 @@ class CallOptions(LiveDriveOptions):
 
     name: str = ""
     """Name that the others see; default: your user name."""
-    speaker: Annotated[str | None, optional("NAME|none")] = None
-    """Where you hear the others; default: the system's output."""
+    speaker: Annotated[str | None, optional("NAME|none|web")] = None
+    """Where you hear the others; web: at the page of --web; default: the system's output."""
     echo: Switch = "auto"
     """Cancel the loudspeaker's echo; auto: unless you wear headphones."""
     noise: Switch = "auto"
@@ -59,7 +59,7 @@ class CallOptions(LiveDriveOptions):
         return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
-        settings = self.live_drive_settings("call")
+        settings = self.live_drive_settings("call", web_sound=self.speaker == "web")
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call
         from app.compose.live import tell
@@ -75,6 +75,7 @@ class CallOptions(LiveDriveOptions):
             run = LiveRun(self.live_settings(), settings, link.seats)
             sound = SoundSettings(echo=self.echo, noise=self.noise)
             through_call(run.source, link, sound, self.speaker)
+            run.hear_at_page(link)
             tape = CallTape(link, self.record, run.open_recorder)
             with ends_on_signals(run.source) as signals:
                 listen_to_keys(link, run.source.stop)

@@ -7,6 +7,7 @@ import { offerControls } from "./controls.js";
 import { Headset } from "./xr.js";
 import { Microphone } from "./microphone.js";
 import { PoseSender } from "./pose.js";
+import { Sound } from "./sound.js";
 import { Splats } from "./splats.js";
 import { Targets } from "./targets.js";
 
@@ -94,6 +95,11 @@ const microphone = new Microphone(`${sockets}microphone`, (problem) => {
 });
 stats.microphone = microphone;
 
+const sound = stats.sound = new Sound(`${sockets}sound`, (problem) => {
+  get("sound").setAttribute("aria-pressed", sound.on);
+  if (problem) say(problem);
+});
+
 let told = "", since = performance.now(), seen = 0;
 function say(text) {
   told = text;
@@ -129,6 +135,13 @@ get("microphone").onclick = async () => {
     say(`microphone: ${error.message}`);
   }
 };
+get("sound").onclick = async () => {
+  try {
+    await (sound.on ? sound.stop() : sound.start());
+  } catch (error) {
+    say(`sound: ${error.message}`);
+  }
+};
 get("full").onclick = () =>
   document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
 canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
@@ -158,5 +171,6 @@ if (offers.targets) {
 }
 if (offers.head) poses = new PoseSender(`${sockets}pose`);
 get("vr").hidden = !(await Headset.supported());  // last: who enters at once sends poses
+get("sound").hidden = !offers.sound;
 get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
 drawFlat();
