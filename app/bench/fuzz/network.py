@@ -1,10 +1,11 @@
-"""What programs and partners send: OSC, head trackers, packets of a call."""
+"""What programs, pages and partners send: OSC, head trackers, picks, poses, packets of a call."""
 
 import json
 import struct
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -91,5 +92,37 @@ def call(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
         data, opened = openers[fuzzer.pick(len(openers))]
         with suppress(packet.MalformedError, seal.SealError, InputError):
             opened(fuzzer.mutate(data))
+
+    return feed
+
+
+def page(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
+    """What a page sends up, and what answers as VRChat to `--send vrchat://auto`."""
+    from app.sinks.protocols.oscquery import FACE, PARAMETERS, paths
+    from app.web.messages import CHUNK_HEAD, MESSAGE, Picks, PoseMessages, SoundMessages
+    from sensors.files import parse_json
+
+    picks, poses, sounds = Picks("ben", ["ada", "ben"]), PoseMessages(), SoundMessages()
+    picks.emotions = ["happy", "sad"]
+    asked = b'{"avatar": "ada", "emotion": "happy:0.5", "muted": true}'
+    node: dict[str, Any] = {
+        "FULL_PATH": f"{PARAMETERS}/FT/v2/JawOpen",
+        "CONTENTS": {"x": {"CONTENTS": {}}},
+    }
+    chunk = CHUNK_HEAD.pack(480) + np.zeros(480, np.float32).tobytes()
+    readers: tuple[tuple[bytes, Callable[[bytes], object]], ...] = (
+        (asked, picks.read),
+        (MESSAGE.pack(*range(9)), lambda data: poses.packet(data, 0)),
+        (chunk, lambda data: (sounds.begin(), sounds.packet(data, 0))),
+        (
+            json.dumps(node).encode(),
+            lambda data: [FACE.fullmatch(path) for path in paths(parse_json(data))],
+        ),
+    )
+
+    def feed() -> None:
+        data, read = readers[fuzzer.pick(len(readers))]
+        with suppress(ValueError):
+            read(fuzzer.mutate(data))
 
     return feed

@@ -56,8 +56,8 @@ async def _ask(service: Announced) -> VRChat | None:
     port = cast(dict[str, object], info).get("OSC_PORT") if isinstance(info, dict) else None
     if not isinstance(port, int) or isinstance(port, bool) or not 0 < port < 1 << 16:
         return None
-    paths = _paths(await _get(service, PARAMETERS))
-    prefix = next((face[1] for path in paths if (face := FACE.fullmatch(path))), None)
+    found = paths(await _get(service, PARAMETERS))
+    prefix = next((face[1] for path in found if (face := FACE.fullmatch(path))), None)
     return VRChat(service.host, port, prefix)
 
 
@@ -80,7 +80,7 @@ async def _get(service: Announced, path: str) -> Any:
         return None
 
 
-def _paths(node: Any) -> Iterator[str]:
+def paths(node: Any) -> Iterator[str]:
     """Every address at or below a node of OSCQuery."""
     waiting, seen = [node], 0
     while waiting and seen < MAX_NODES:
