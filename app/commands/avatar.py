@@ -1,8 +1,8 @@
 """`livedrive avatar`: who can be driven, their pictures, and new people from a scan."""
 
-import shlex
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Annotated
 
 import tyro
@@ -124,8 +124,8 @@ class CreateAvatar:
         )
         folder = self.out or identity.user_folder()
         path = create(self.name, parts, folder, replace=self.replace)
-        avatar = shlex.quote(str(path)) if self.out else self.name
-        print(f"wrote {path}; next: livedrive replay recordings/demo --window --avatar {avatar}")
+        avatar, demo = str(path) if self.out else self.name, "recordings/demo --window"
+        print(f"wrote {path}; next: livedrive replay {demo} --avatar {quote(avatar)}")
 
 
 @dataclass(kw_only=True)

@@ -8,6 +8,7 @@ rule-made but where real recordings are added.
 
 from dataclasses import dataclass, replace
 from pathlib import Path
+from shlex import quote
 from typing import Literal
 
 from tyro.conf import Positional
@@ -147,4 +148,4 @@ class Capture:
 
             made |= draw_wide_pairs(folder, self.wide_eyes, self.seed, self.processes)
         print(json.dumps(made, indent=1))
-        print(f"next: livedrive capture statistics {folder}")
+        print(f"next: livedrive capture statistics {quote(str(folder))}")

@@ -5,6 +5,7 @@ import sys
 import threading
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
@@ -87,7 +88,7 @@ class CallOptions(LiveDriveOptions):
         values = run.report(parts, summary) | {"call": link.report}
         finish(values, self.report, settings.files.written)
         for session in tape.sessions:
-            print(f"wrote {session.resolve()}; next: livedrive replay {session}")
+            print(f"wrote {session.resolve()}; next: livedrive replay {quote(str(session))}")
         if link.error:
             raise InputError(link.error)
         if signals:

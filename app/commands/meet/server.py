@@ -5,6 +5,7 @@ import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from shlex import quote
 
 from tyro.conf import Positional
 
@@ -52,7 +53,7 @@ class Server:
         )
         process = start(self.folder, settings)
         shown = self.address or self.host
-        print(f"next: livedrive call host --room NAME --key {key} \\", flush=True)
+        print(f"next: livedrive call host --room NAME --key {quote(str(key))} \\", flush=True)
         print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
 
         def stop(number: int, frame: object) -> None:  # noqa: ARG001

@@ -54,6 +54,15 @@ def test_help_is_shown_on_a_terminal_that_knows_ascii_alone() -> None:
     assert done.returncode == 0 and b"doctor" in done.stdout and done.stderr == b""
 
 
+def test_paths_in_the_next_command_are_quoted() -> None:
+    """Red before: a folder with a space in its name made three of them useless."""
+    lines = [line for file in (ROOT / "app").rglob("*.py") for line in file.open(encoding="utf-8")]
+    filled = [words for line in lines for words in re.findall(r"next: (livedrive.*)\"", line)]
+    assert len(filled) > 4
+    ends = [words for words in filled if re.search(r" \{(?!quote\(|demo\})", words)]
+    assert ends == []
+
+
 WITHOUT_OPTIONS = {("doctor",), ("avatar", "list"), ("session", "info")}
 
 
