@@ -82,10 +82,10 @@ def _run_motion(
     if settings.stage == "listen":
         _run_listen(settings, folder, run, overrides)
         return
-    streams = _streams(settings, folder)
     if settings.stage == "peers":
-        _run_peer(settings, streams, run, overrides)
+        _run_peer(settings, run, overrides)
         return
+    streams = _streams(settings, folder)
     if settings.stage == "contact":
         weights, name = _weights(settings), "student"
         if settings.leave_out:
@@ -122,16 +122,15 @@ def _run_motion(
     diffusion.run(config, face())
 
 
-def _run_peer(
-    settings: TrainSettings, streams: Path, run: "RunSettings", overrides: dict[str, Any]
-) -> None:
+def _run_peer(settings: TrainSettings, run: "RunSettings", overrides: dict[str, Any]) -> None:
     from app.face.losses import face
     from encoder.training.stages import peers
 
     assert settings.name is not None
+    sizes = peers.sized(settings.name, settings.preset)
     config = peers.preset(
-        settings.preset, streams=streams, output=settings.data / "peers" / settings.name, run=run,
-        peer=peers.sized(settings.name, settings.preset), **overrides,
+        settings.preset, streams=_streams(settings, settings.data), peer=sizes, run=run,
+        output=settings.data / "peers" / settings.name, **overrides,
     )  # fmt: skip
     peers.run(config, face())
 

@@ -3,7 +3,7 @@
 As published: a regressor from sound to lip vertices; sound and lips through two blocks; a decoder
 led by FiLM with attention to them, x0, a cosine schedule, a tenth of the clips without sound.
 Otherwise: one voice, as in the paper's table; the regressor learns beside the diffusion, from the
-same clips, and feels nothing of its error; guidance is 2 for 10 (see the experiment log).
+same clips, and feels nothing of its error; guidance is 2, theirs 10, and DDIM takes fewer steps.
 """
 
 import torch

@@ -150,3 +150,8 @@ def test_twins_of_another_encoder_are_an_error(data, tmp_path):
 def test_a_name_belongs_to_the_stage_peers(data, stage, name, words):
     with pytest.raises(InputError, match=words):
         train(data, stage, name=name)
+
+
+def test_a_preset_without_twins_is_told_before_anything_is_read(tmp_path):
+    with pytest.raises(InputError, match="expected --preset debug, default, got paper"):
+        train(tmp_path, "peers", name="talkshow", preset="paper")
