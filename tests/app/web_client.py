@@ -2,6 +2,7 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager, contextmanager
 from time import monotonic, sleep
 
@@ -103,11 +104,14 @@ async def socket_to(
 
 
 def play(work: Callable[[], Awaitable[None]]) -> None:
+    """In a thread of its own: a browser of the same module holds the loop of this one."""
+
     async def limited() -> None:
         async with asyncio.timeout(PATIENCE_S):
             await work()
 
-    asyncio.run(limited())
+    with ThreadPoolExecutor(1) as thread:
+        thread.submit(lambda: asyncio.run(limited())).result()
 
 
 def draw(renderer: Renderer, gaussians: Gaussians, size: int = 256) -> np.ndarray:
