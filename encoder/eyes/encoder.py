@@ -35,6 +35,7 @@ SIDES = np.array([[1.0, 1.0], [-1.0, 1.0]], np.float32)  # the same, of x and y
 # features, which give gaze and lids; above the second the meter gives both.
 USUAL_DOUBT, STRANGE_DOUBT = 2.5, 3.2
 DOUBT_SHARE, AWAKE = 1 / 60, 0.5  # weight of a tick; least lid opening that counts
+SLACK = 0.25  # degrees by which the doubt wanders with the gaze: no reason to trust others
 PAIR_REACH = 0.1  # largest correction from both pictures together; twice that is ignored
 
 
@@ -91,6 +92,7 @@ class EncoderState:
 
     framing: FramingState
     doubt: Array  # [2] of the gaze in degrees, over the last seconds; 0: none was seen yet
+    usual: Array  # [2] the same of this wearer and camera: follows where it goes beyond SLACK
     # Latest outputs of both networks: `Told`; measures.
     told: Told | None = None
     measured: Array | None = None
@@ -98,13 +100,13 @@ class EncoderState:
     @property
     def strange(self) -> Array:  # [2] 0..1
         """How far pictures are from those that the features were trained on."""
-        away = (self.doubt - USUAL_DOUBT) / (STRANGE_DOUBT - USUAL_DOUBT)
+        away = (self.usual - USUAL_DOUBT) / (STRANGE_DOUBT - USUAL_DOUBT)
         return np.clip(away, 0, 1).astype(np.float32)
 
 
 def new_encoder_state() -> EncoderState:
     """Before the first picture."""
-    return EncoderState(new_framing(), np.zeros(2, np.float32))
+    return EncoderState(new_framing(), np.zeros(2, np.float32), np.zeros(2, np.float32))
 
 
 class EyeEncoder:
@@ -198,8 +200,11 @@ class EyeEncoder:
 
 def _with_doubt(state: EncoderState, doubt: Array, lids: Array) -> EncoderState:
     """The doubts [2] of one more pair of pictures, where the eyes are open."""
-    share = np.where(state.doubt == 0, 1.0, DOUBT_SHARE) * (lids > AWAKE)
-    return replace(state, doubt=(state.doubt + share * (doubt - state.doubt)).astype(np.float32))
+    first = state.doubt == 0
+    share = np.where(first, 1.0, DOUBT_SHARE) * (lids > AWAKE)
+    doubt = (state.doubt + share * (doubt - state.doubt)).astype(np.float32)
+    usual = np.where(first, doubt, np.clip(state.usual, doubt - SLACK, doubt + SLACK))
+    return replace(state, doubt=doubt, usual=usual)
 
 
 def _chance(logits: Array) -> Array:

@@ -19,6 +19,7 @@ from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.conjugate import joined
 from encoder.eyes.encoder import (
     MIRROR,
+    NO_GAZE,
     EncoderState,
     EyeEncoder,
     EyeReading,
@@ -92,12 +93,12 @@ class EyeTracker:
         state: EyeState,
     ) -> tuple[ShownEyes, EyeState]:
         good, state = _noticed(reading, fresh, state)
-        own = None
+        own, lids, told = None, np.zeros(2, np.float32), NO_GAZE
         if reading is not None and good.any():
-            told = reading.told(good)
+            lids, told = reading.lids, reading.told(good)
             own = self._own(reading, told, good, state)
-            session = learned(reading.lids, told, good, state.session)
-            state = replace(state, session=session, own=own.gaze)
+            state = replace(state, own=own.gaze)
+        state = replace(state, session=learned(lids, told, good, state.session))
         lost = tuple(0 if good[e] else min(state.lost[e] + 1, NO_EYE_FRAMES + 1) for e in (0, 1))
         first = state.shown is None
         holds = [lost[eye] <= (NO_EYE_FRAMES if fresh[eye] else HOLD_FRAMES) for eye in (0, 1)]

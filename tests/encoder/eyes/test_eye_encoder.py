@@ -17,7 +17,7 @@ from encoder.eyes.encoder import (
     load_eye_encoder,
     new_encoder_state,
 )
-from encoder.eyes.format import GAZE_UNIT, normalised, pixels, unit
+from encoder.eyes.format import GAZE_UNIT, MEASURES, normalised, pixels, unit
 from encoder.nn.checkpoint import save
 from sensors.types import InputError
 
@@ -199,11 +199,38 @@ def test_not_every_tick_asks_both_networks() -> None:
         state = made.step(pair(), new_encoder_state())[1]
         before = [session.asked for session in sessions]
         for _ in range(40):
-            state = replace(state, doubt=np.full(2, doubt, np.float32))
+            now = np.full(2, doubt, np.float32)
+            state = replace(state, doubt=now, usual=now)
             reading, state = made.step(pair(), state)
             assert np.isfinite(reading.features).all()
         asked = [s.asked - b for s, b in zip(sessions, before, strict=True)]
         assert tuple(asked) == expected
+
+
+def test_a_doubt_that_wanders_with_the_gaze_moves_no_trust() -> None:
+    """Red before: an eye looked elsewhere when the other network was trusted a little more."""
+
+    class Wandering:
+        asked, drift = 0, -1.1
+
+        def run(self, names: None, inputs: dict[str, np.ndarray]) -> list[np.ndarray]:
+            measures = np.zeros((2, len(MEASURES)), np.float32)
+            self.asked += 1
+            measures[:, :2] = 6, 1
+            measures[:, 4] = self.drift + 0.1 * np.sin(self.asked / 20)
+            return [measures]
+
+    made = encoder()
+    made._meter = meter = Wandering()
+    state, trusted = new_encoder_state(), []
+    for _ in range(240):
+        _, state = made.step(pair(), state)
+        trusted.append(state.strange[0])
+    assert 0.2 < trusted[0] < 0.8 and np.ptp(trusted) == 0
+    meter.drift = 0.5  # other pictures
+    for _ in range(240):
+        _, state = made.step(pair(), state)
+    assert state.strange.min() == 1
 
 
 def test_features_stand_for_their_own_gaze() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from encoder.eyes.format import unit
-from encoder.eyes.session import USUAL, SessionState, learned, new_session
+from encoder.eyes.session import BRIEF, USUAL, SessionState, learned, new_session
 from sensors.types import FPS
 
 BOTH = np.ones(2, bool)
@@ -61,6 +61,33 @@ def test_what_is_not_seen_teaches_nothing() -> None:
         state = learned(np.zeros(2, np.float32), AHEAD, np.zeros(2, bool), state)
     before, after = new_session().calibration(), state.calibration()
     assert before == after
+
+
+@pytest.mark.parametrize("lost", [(0,), (1,), (0, 1)])
+@pytest.mark.parametrize("start", [10, 36, 300])
+def test_a_camera_lost_for_a_moment_teaches_nearly_the_same(
+    start: int, lost: tuple[int, ...]
+) -> None:
+    """Red before: the twin that never lost it had learned a quarter of a degree more."""
+    rng = np.random.default_rng(2)
+    aside = np.repeat(rng.choice([-0.17, 0.0, 0.17], (20, 2)), 25, 0).astype(np.float32)
+    whole, broken = new_session(), new_session()
+    for t in range(start + 40):
+        gaze, lids = unit(USUAL + 0.05 + aside[t]), np.ones(2, np.float32)
+        good = BOTH.copy()
+        good[list(lost)] = not start <= t < start + 25
+        whole = learned(lids, gaze, BOTH, whole)
+        broken = learned(lids, gaze, good, broken)
+        if t >= start + 25:
+            away = np.subtract(broken.calibration().shift, whole.calibration().shift)
+            assert np.abs(away).max() < 0.0012  # .07 degrees
+
+
+def test_what_was_not_seen_for_long_is_not_known() -> None:
+    state, _ = lived(np.ones(30), AHEAD)
+    for _ in range(600):
+        state = learned(np.ones(2, np.float32), AHEAD, np.zeros(2, bool), state)
+    assert state.looks.max() == 30 + BRIEF
 
 
 def test_eyes_shut_for_long_are_not_taken_for_open_ones() -> None:
