@@ -50,6 +50,12 @@ def pixels(
 ) -> NDArray[np.uint8]:  # [2, 100, 100]
     """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
     shrink = eyes.shape[1] // SIDE
+    small = _quarters(eyes) if shrink == 4 else _shrunk(eyes, shrink)
+    small[1] = small[1, :, ::-1].copy()
+    return small
+
+
+def _shrunk(eyes: NDArray[np.uint8], shrink: int) -> NDArray[np.uint8]:
     rows = eyes.reshape(2, SIDE, shrink, eyes.shape[2])
     tall = rows[:, :, 0].astype(np.uint16)
     for k in range(1, shrink):
@@ -57,8 +63,25 @@ def pixels(
     small = tall[:, :, ::shrink].copy()
     for k in range(1, shrink):
         small += tall[:, :, k::shrink]
-    small = ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
-    small[1] = small[1, :, ::-1].copy()
+    return ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
+
+
+_BYTES, _PAIRS = np.uint64(0x00FF00FF00FF00FF), np.uint64(0x0000FFFF0000FFFF)
+
+
+def _quarters(eyes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The same of 4 x 4 pixels, eight pixels in one number: a third faster."""
+    small = np.empty((2, SIDE, SIDE), np.uint8)
+    for eye in (0, 1):
+        eights = np.ascontiguousarray(eyes[eye]).view("<u8").reshape(SIDE, 4, SIDE // 2)
+        twos = eights >> np.uint64(8)
+        twos &= _BYTES
+        twos += eights & _BYTES
+        tall = twos[:, 0] + twos[:, 1]
+        tall += twos[:, 2]
+        tall += twos[:, 3]
+        fours = (tall & _PAIRS) + ((tall >> np.uint64(16)) & _PAIRS)
+        small[eye] = (fours.view("<u4") + np.uint32(8)) >> np.uint32(4)
     return small
 
 
@@ -69,14 +92,16 @@ def normalised(
     spreads they had.
     """
     step = small.shape[1] // 25
-    some = np.sort(small[:, ::step, ::step].reshape(len(small), -1), axis=1).astype(np.float32)
-    bright, usual = some[:, int(BRIGHT * (some.shape[1] - 1))], some[:, some.shape[1] // 2]
-    x = small.astype(np.float32)
-    np.minimum(x, (bright + ABOVE * (bright - usual))[:, None, None], out=x)
-    x -= x.mean((1, 2), keepdims=True)
-    spread = np.sqrt(np.einsum("bij,bij->b", x, x) / x[0].size)
-    x /= np.maximum(spread, MIN_SPREAD)[:, None, None]
-    return np.clip(x, -MOST, MOST, out=x)[:, None], spread
+    some = small[:, ::step, ::step].reshape(len(small), -1)
+    half, high = some.shape[1] // 2, int(BRIGHT * (some.shape[1] - 1))
+    some = np.partition(some, (half, high), axis=1).astype(np.float32)
+    usual, bright = some[:, half, None], some[:, high, None]
+    x = small.reshape(len(small), -1).astype(np.float32)
+    np.minimum(x, bright + ABOVE * (bright - usual), out=x)
+    x -= x.mean(1, keepdims=True)
+    spread = np.sqrt(np.einsum("bi,bi->b", x, x) / x.shape[1])
+    x /= np.maximum(spread, MIN_SPREAD)[:, None]
+    return np.clip(x, -MOST, MOST, out=x).reshape(len(small), 1, *small.shape[1:]), spread
 
 
 def doubt_of(raw: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -11,10 +11,10 @@ from encoder.eyes.gaze_graph import GazeGraph, build
 from encoder.eyes.network import EyeNet
 
 
-def net() -> EyeNet:
+def net(preset: str = "debug") -> EyeNet:
     """Untrained, and without a default statistic that could hide an error."""
     torch.manual_seed(3)
-    made = EyeNet(PRESETS["debug"])
+    made = EyeNet(PRESETS[preset])
     for norm in made.norms:
         torch.nn.init.normal_(norm.running_mean, std=0.1)  # type: ignore[arg-type]
         torch.nn.init.uniform_(norm.running_var, 0.5, 2)  # type: ignore[arg-type]
@@ -31,8 +31,8 @@ def net() -> EyeNet:
     return made.eval()
 
 
-def encoder() -> EyeEncoder:
-    made = net()
+def encoder(preset: str = "debug") -> EyeEncoder:
+    made = net(preset)
     return EyeEncoder(made.config, {k: v.numpy() for k, v in made.state_dict().items()})
 
 

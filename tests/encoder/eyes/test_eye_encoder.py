@@ -27,6 +27,17 @@ def pair(seed: int = 0) -> np.ndarray:
     return np.stack([drawn_eye(x, y, lid), drawn_eye(x - 0.1, y, lid)])
 
 
+@pytest.mark.parametrize("shrink", [1, 2, 3, 4])
+def test_small_pictures_are_means_to_the_bit(shrink: int) -> None:
+    n = 100 * shrink
+    for eyes in np.random.default_rng(0).integers(0, 256, (3, 2, n, n), dtype=np.uint8):
+        blocks = eyes.reshape(2, 100, shrink, 100, shrink).astype(np.int64).sum((2, 4))
+        expected = ((blocks + shrink**2 // 2) // shrink**2).astype(np.uint8)
+        assert np.array_equal(pixels(eyes), np.stack([expected[0], expected[1, :, ::-1]]))
+    most = np.full((2, n, n), 255, np.uint8)
+    assert (pixels(most) == 255).all() and (pixels(most[:, ::-1, ::-1]) == 255).all()
+
+
 def test_pixels_are_means_and_the_right_eye_is_mirrored() -> None:
     eyes = np.random.default_rng(0).integers(0, 256, (2, 400, 400), dtype=np.uint8)
     small = pixels(eyes)
@@ -42,8 +53,9 @@ def test_exposure_cancels() -> None:
     assert np.abs(normalised(np.zeros((2, 100, 100), np.uint8))[0]).max() == 0
 
 
-def test_onnx_equals_torch() -> None:
-    made, reading = net(), encoder()(pair())
+@pytest.mark.parametrize("preset", ["debug", "default"])
+def test_onnx_equals_torch(preset: str) -> None:
+    made, reading = net(preset), encoder(preset)(pair())
     with torch.no_grad():
         x = torch.from_numpy(normalised(pixels(pair()))[0])
         out, measures = made(x), made.meter(x)
