@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 import pytest
+from aiohttp import web
 
 from app.call.core.call import Call
 from app.call.rooms import feed, janus
@@ -72,6 +73,34 @@ def test_a_bridge_to_nobody_is_told_in_one_line() -> None:
     bridge = Bridge((nobody, nobody), print, lambda: 0)
     with pytest.raises(InputError, match="got: ws://127.0.0.1:1 does not answer"):
         asyncio.run(bridge.run())
+
+
+def test_a_bridge_to_a_server_that_refuses_is_told_in_one_line() -> None:
+    """As with the key of another server."""
+
+    async def refuse(request: web.Request) -> web.WebSocketResponse:
+        socket = web.WebSocketResponse(protocols=("janus-protocol",))
+        await socket.prepare(request)
+        async for message in socket:
+            error = {"code": 403, "reason": "Unauthorized request (wrong or missing secret/token)"}
+            transaction = message.json()["transaction"]
+            await socket.send_json({"janus": "error", "error": error, "transaction": transaction})
+        return socket
+
+    async def scene() -> None:
+        app = web.Application()
+        app.router.add_get("/", refuse)
+        runner = web.AppRunner(app)
+        await runner.setup()
+        try:
+            await web.TCPSite(runner, "127.0.0.1", 0).start()
+            refusing = ServerAccess(invite=replace(INVITE, port=runner.addresses[0][1]), key=KEY)
+            await Bridge((refusing, refusing), print, lambda: 0).run()
+        finally:
+            await runner.cleanup()
+
+    with pytest.raises(InputError, match=r"refuses: Unauthorized .* \(403\); is it running"):
+        asyncio.run(scene())
 
 
 class Session:
