@@ -4,6 +4,7 @@ import csv
 import json
 import socket
 import threading
+import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,7 +21,7 @@ from app.face.arkit import ARKIT_NAMES
 from app.sinks.arkit import ArkitSink
 from app.sinks.protocols.face import FaceReader
 from app.sinks.protocols.osc import MAX_DATAGRAM
-from app.sinks.protocols.send import QUEUE, SendSink
+from app.sinks.protocols.send import QUEUE, Receiver, SendSink
 from app.sinks.protocols.vmc import VmcEncoder, unity_turn
 from app.sinks.protocols.vrchat import EXPRESSIONS, VRChatEncoder
 from app.sinks.table import Outlet, open_all, parse
@@ -298,3 +299,21 @@ def test_a_stuck_thread_never_holds_up_the_tick(
     newest = [sink._queue.get_nowait() for _ in range(QUEUE)]  # noqa: SLF001
     assert [d.index for d in newest if d] == list(range(TICKS - QUEUE, TICKS))
     sink.close()
+
+
+def test_an_hour_of_ticks_takes_no_memory(results: list[FrameResult], decoder: Decoder) -> None:
+    """Red before: what every tick had cost was kept as a pair of Python numbers, 2 MB each."""
+    receiver = Receiver("osc://127.0.0.1:9", "127.0.0.1", 9, lambda face: [])
+    face = FaceReader(decoder)(results[0].driven)
+    tracemalloc.start()
+    try:
+        receiver.send(face)
+        before, _ = tracemalloc.get_traced_memory()
+        for _ in range(3000):
+            receiver.send(face)
+        after, _ = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+        receiver.close()
+    assert after - before < 30_000
+    assert receiver.report()["sent"] == 3001
