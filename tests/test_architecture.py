@@ -116,6 +116,24 @@ def test_commands_start_without_heavy_imports() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_files_that_texts_name_are_there() -> None:
+    names = re.compile(r"\b((?:app|encoder|render|sensors|tests)(?:/[a-z_]+)+\.(?:py|json|md))\b")
+    texts = [
+        *SOURCES,
+        *TESTS,
+        *ROOT.glob("*.md"),
+        *ROOT.glob("*/*.md"),
+        *ROOT.glob("*/weights/*.md"),
+    ]
+    gone = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in texts
+        for name in names.findall(text(path))
+        if not (ROOT / name).exists()
+    }
+    assert not gone
+
+
 def test_words_from_outside_are_never_markup() -> None:
     """`app.terminal.console` is the one console: it reads no markup."""
     found = [path for path in SOURCES if "rich.console" in imports(path)]

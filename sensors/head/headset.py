@@ -24,7 +24,7 @@ def reading(
     gaze: Sequence[float] | None = None,  # unit, in the head, in the axes of OpenXR
     face: Sequence[float] | None = None,  # [70] weights of XR_FB_face_tracking2
 ) -> Reading:
-    """What is no pose is read as one that Gate refuses."""
+    """What is no pose is read as one that ReadingGate refuses."""
     try:
         eyes = rotation.from_xr(position, xyzw)
     except (ValueError, OverflowError):

@@ -94,7 +94,7 @@ class TrackerDecoder:
 
 
 def _from_unity_angles(pitch: float, yaw: float, roll: float) -> Quat:
-    """Angles of Unity's axes, rad; NaN and infinity make a rotation that Gate refuses."""
+    """Angles of Unity's axes, rad; NaN and infinity make a rotation that ReadingGate refuses."""
     if not all(abs(angle) < 1e6 for angle in (pitch, yaw, roll)):
         return (0.0, 0.0, 0.0, 0.0)
     return rotation.from_angles((pitch, -yaw, -roll))

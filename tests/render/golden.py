@@ -1,6 +1,6 @@
 """Golden pictures: three avatars, four expressions, two views; turned heads; the synthetic head.
 
-`pytest tests/render/test_golden.py --update-golden` blesses them anew. The rasteriser is part of
+`make golden` blesses them anew. The rasteriser is part of
 the picture, so only llvmpipe may bless, and only from a clean tree.
 """
 

@@ -1,4 +1,4 @@
-"""The ways in which each kind of sensor fails, on the stand-in devices (bench_faults.py)."""
+"""The ways in which each kind of sensor fails, on the stand-in devices (`bench faults`)."""
 
 import os
 import random

@@ -1,4 +1,4 @@
-"""A LiveSource that is polled and assembled while its devices fail, for bench_faults.py."""
+"""A LiveSource that is polled and assembled while its devices fail, for `bench faults`."""
 
 import random
 import threading

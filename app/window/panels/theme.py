@@ -15,7 +15,7 @@ GOOD = (0.30, 0.78, 0.55, 1.0)
 WARN = (0.96, 0.72, 0.27, 1.0)
 ALERT = (0.94, 0.33, 0.34, 1.0)
 CLEAR = (0.0, 0.0, 0.0, 0.0)
-# One colour a stage, in the order of app.stages.STAGES (without "tick").
+# One colour a stage, in the order of app.drive.stages.STAGES (without "tick").
 STAGE_COLORS = (
     (0.42, 0.47, 0.55, 1.0),
     (0.27, 0.70, 0.93, 1.0),

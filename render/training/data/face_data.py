@@ -41,7 +41,7 @@ class FaceData:
 
     @cached_property
     def feminine(self) -> NDArray[np.float32]:
-        """[100] unit: see `render/training/sex.py`."""
+        """[100] unit: see `render/training/data/sex.py`."""
         moves = self.identities.astype(np.float32) * np.float32(MM_PER_UNIT)
         return sex.axis(self.neutral, moves, self.landmarks)
 
