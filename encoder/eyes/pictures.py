@@ -9,7 +9,6 @@ from encoder.eyes.format import SIDE
 MIN_SPREAD = 4.0  # grey levels; a flatter picture is not stretched any further
 MOST = 3.0  # spreads from the mean
 BRIGHT, ABOVE = 0.97, 0.5  # of the pixels; brighter ones are glints, and cut a little above
-LOOP = {"cache": True, "nogil": True, "error_model": "numpy"}
 
 
 def pixels(
@@ -41,7 +40,7 @@ def normalised(
     return stretched, spreads
 
 
-@njit(**LOOP)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _shrink(picture, shrink, small):  # type: ignore[no-untyped-def]
     """[n * shrink, n * shrink] -> [n, n] means, rounded."""
     area = np.uint32(shrink * shrink)
@@ -59,7 +58,7 @@ def _shrink(picture, shrink, small):  # type: ignore[no-untyped-def]
             small[row, column] = (total * share) >> np.uint32(20)
 
 
-@njit(**LOOP)
+@njit(cache=True, nogil=True, error_model="numpy")
 def _stretch(picture, limit, out):  # type: ignore[no-untyped-def]
     """A picture [n, n] into `out`; its spread. Worked out for each of the 256 grey levels."""
     counts = np.zeros(256, np.int64)
