@@ -75,12 +75,12 @@ class EvalEmotion:
 
 @dataclass(kw_only=True)
 class EvalAb:
-    """Make a page for an A/B test: pairs of videos side by side, which is better?"""
+    """Make a page for an A/B test: pairs of videos or pictures side by side, which is better?"""
 
     a: Positional[Path]
-    """Folder of videos of the first method."""
+    """Folder of videos or pictures of the first method, or of weights whose people are drawn."""
     b: Positional[Path]
-    """Folder of videos of the second; a pair has the same file name."""
+    """The same of the second; a pair has the same file name."""
     out: Path = Path("ab.html")
     """Page to write."""
     seed: int = 0

@@ -1,34 +1,67 @@
 """`livedrive eval ab A B`: the paper's perceptual study as one HTML file.
 
-A and B are folders of videos with the same names. Each pair is shown once, in random order and with
-random sides; the page keeps the votes in the browser and saves them as a JSON file, which
+A and B are folders of videos or pictures with the same names, or of weights: then everybody in
+them is drawn, e.g. those of two versions. Each pair is shown once, in random order and with random
+sides; the page keeps the votes in the browser and saves them as a JSON file, which
 `--count votes.json ...` adds up.
 """
 
 import base64
 import json
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 
 from sensors import files
 from sensors.types import InputError
 
-VIDEOS = {".mp4": "video/mp4", ".webm": "video/webm", ".png": "image/png"}
+VIDEOS = {".mp4": "video/mp4", ".webm": "video/webm", ".png": "image/png", ".jpg": "image/jpeg"}
+SIZE_PX = 1024
 
 
-def make_page(a: Path, b: Path, out: Path, seed: int) -> None:
+def make_page(a: Path, b: Path, out: Path, seed: int, size: int = SIZE_PX) -> None:
     """Write one HTML file that shows pairs of videos or pictures and asks which is better.
 
     Raises InputError where no names match.
     """
-    pairs = find_pairs(a, b)
-    flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
-    order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
-    trials = [_trial(pairs[i], bool(flipped[i])) for i in order]
+    with TemporaryDirectory() as drawn:
+        shown = [
+            draw_people(folder, Path(drawn) / side, size)
+            if (folder / "prior.safetensors").is_file()
+            else folder
+            for side, folder in (("a", a), ("b", b))
+        ]
+        pairs = find_pairs(shown[0], shown[1])
+        flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
+        order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
+        trials = [_trial(pairs[i], bool(flipped[i])) for i in order]
     files.write_text(out, PAGE.replace("TRIALS", json.dumps(trials)))
     print(f"wrote {out} with {len(trials)} pairs; open it in a browser and save the votes")
     print(f"then: livedrive eval ab {a} {b} --count votes.json")
+
+
+def draw_people(weights: Path, out: Path, size: int) -> Path:
+    """Everybody in a folder of weights, calm from the side a little and smiling, as pictures in
+    `out`, which is returned."""
+    from PIL import Image
+
+    from render.avatars import sheet
+    from render.cameras import portrait
+    from render.decoder import identity
+    from render.decoder.decoder import Decoder
+    from render.splats.renderer import create_renderer
+
+    out.mkdir()
+    decoder, renderer = Decoder.load(weights, gaussians="65k"), create_renderer()
+    for name in identity.names(weights):
+        who = identity.load(name, weights)
+        for pose, yaw in (("neutral", 15.0), ("smile", 0.0)):
+            renderer.draw(sheet.posed(decoder, who, pose), portrait(size, size, yaw_deg=yaw))
+            picture = Image.fromarray(renderer.read_rgba()[..., :3])
+            picture.save(out / f"{name}_{pose}.jpg", quality=95, subsampling=0)
+    renderer.close()
+    return out
 
 
 def find_pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
@@ -39,7 +72,7 @@ def find_pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
         raise InputError(
             f"eval ab: expected files ({', '.join(VIDEOS)}) with the same names in {a} and {b}, "
             f"got {len(names[0])} and {len(names[1])} with no name in common; make them with "
-            "livedrive replay --video"
+            "livedrive replay --video, or give two folders of weights"
         )
     return [(a / name, b / name) for name in both]
 
@@ -86,15 +119,15 @@ PAGE = """<!doctype html>
 <html lang="en"><meta charset="utf-8"><title>Which face is better?</title>
 <style>
  body{font:16px system-ui;background:#16181c;color:#e8e8ea;margin:0;padding:2rem;text-align:center}
- video,img{width:44vw;max-width:640px;border-radius:8px;background:#000}
+ video,img{width:44vw;max-width:1024px;border-radius:8px;background:#000}
  button{font:inherit;padding:.6rem 1.4rem;margin:.6rem;border:0;border-radius:6px}
  #count{color:#9a9aa4}
 </style>
-<h1>Which face looks more natural and better in time with its voice?</h1>
+<h1 id="question"></h1>
 <p id="count"></p>
 <div><video id="left" controls></video> <video id="right" controls></video>
 <img id="left_still" hidden alt=""> <img id="right_still" hidden alt=""></div>
-<p><button onclick="play()">Play both in turn</button></p>
+<p><button id="play" onclick="play()">Play both in turn</button></p>
 <p><button onclick="vote('left')">Left</button><button onclick="vote('right')">Right</button></p>
 <p><button onclick="save()">Save votes</button></p>
 <script>
@@ -108,6 +141,9 @@ function show() {
     const source = t ? t[id + "_video"] : "", still = source.startsWith("data:image");
     side(id).hidden = still, side(id + "_still").hidden = !still;
     side(id).src = still ? "" : source, side(id + "_still").src = still ? source : "";
+    side("play").hidden = still;
+    side("question").textContent = "Which face looks more " +
+      (still ? "like a living person?" : "natural and better in time with its voice?");
   }
 }
 function play() {

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import strands
-from render.avatars import lashes, textures
+from render.avatars import detail, lashes, textures
 from render.decoder import mesh_parts, prior_file
 from render.decoder.cover import turned_out
 from render.decoder.identity import GLOSS_STEPS, Identity
@@ -32,8 +32,8 @@ class Maker:
     def __init__(
         self, folder: Path = weights_file.FOLDER, context: GLContext | None = None
     ) -> None:
-        self._t, card = weights_file.load(folder / "prior", prior_file.KIND)
-        fields = prior_file.parts(self._t, card)
+        self._t, self._card = weights_file.load(folder / "prior", prior_file.KIND)
+        fields = prior_file.parts(self._t, self._card)
         self.posing, self.surface = fields["posing"], fields["surface"]
         self.faces, self.regions = fields["faces"], fields["regions"]
         self.template = prior_file.template(self._t)
@@ -102,7 +102,8 @@ class Maker:
         return sorted(k.removeprefix("eye.") for k in self._t if k.startswith("eye."))
 
     def albedo(self, skin: Floats, eye: str | Floats) -> Floats:  # [N, 3]
-        """The colour of every Gaussian, sampled at the blur that the photometric fit chose."""
+        """The colour of every Gaussian, sampled at the blur that the photometric fit chose; on the
+        face then as sharp as the texture."""
         if isinstance(eye, str) and eye not in self.eyes:
             raise InputError(f"eye: expected one of {', '.join(self.eyes)}, got {eye!r}")
         t = self._t
@@ -113,7 +114,27 @@ class Maker:
         if isinstance(eye, str):
             on_eye = t["anchor_kinds"] == mesh_parts.EYE
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
-        return np.clip(albedo, 0, 1)
+        return detail.sharpened(np.clip(albedo, 0, 1), self.face, self._blend, skin)
+
+    @cached_property
+    def face(self) -> NDArray[np.bool_]:
+        """[N] Gaussians on the skin of the face."""
+        on_face = np.isin(self.surface.used, self.regions["narrow_face"]).astype(np.float32)
+        on_skin = self._t["anchor_kinds"] == mesh_parts.SKIN
+        return (self.surface.interpolate @ on_face > 0.99) & on_skin
+
+    @cached_property
+    def _blend(self) -> detail.Blend:
+        t = self._t
+        uv = np.zeros((len(self.template), 2), np.float32)
+        uv[self.surface.used] = t["vertex_uv"]
+        off = np.abs(self.surface.interpolate @ t["vertex_uv"] - t["anchor_uv"]).max(1)
+        whole = self.face & (off < detail.SEAM)
+        corners = self.faces[np.unique(self.anchor_triangles[whole])]
+        fields = prior_file.parts(t, self._card, "65k")
+        head = detail.drawn(fields["surface"], fields["opacities"], self.template)
+        places = detail.places(corners, self.template, uv, int(detail.DENSITY * self.face.sum()))
+        return detail.blend(head, fields["shares"], *places)
 
     def biases(self, rest: Rest, skin: Floats, visibility: Floats) -> tuple[Floats, ...]:
         """The identity encoder: a bias map for every level of the light decoder."""

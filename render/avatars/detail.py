@@ -1,0 +1,139 @@
+"""Colours whose blend, not each of them, looks like a texture.
+
+Narrow Gaussians lie over a wide layer that closes the gaps between them, and about half of what is
+seen is that layer: a picture of Gaussians that each have the texture's colour is soft. What is seen
+at places on the face is linear in the colours, and the same for everyone: this solves for colours
+that together show the texture, and stays near those it was given.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array, vstack
+
+from render.avatars import textures
+from render.decoder.surface import Surface
+from render.types import Floats
+
+DENSITY = 3.0  # places a Gaussian
+# Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
+VIEWS_DEG = ((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12))
+NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
+PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
+LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
+STAY, STEPS = 0.27, 15  # how much a colour that stays is worth; of least squares
+LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
+SEAM = 1e-3  # of texture coordinates
+ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
+
+
+class Blend(NamedTuple):
+    """What is seen of everyone's Gaussians at places on the face."""
+
+    shares: csr_array  # [S, N] of each colour
+    uv: Floats  # [S, 2] the places in the texture
+
+
+class Drawn(NamedTuple):
+    """Gaussians as they are drawn, on the mean face."""
+
+    points: Floats  # [n, 3] mm
+    normals: Floats  # [n, 3] unit
+    widths: Floats  # [n] mm
+    opacities: Floats  # [n]
+    below: NDArray[np.bool_]  # [n] in the layer below the skin
+
+
+def drawn(head: Surface, opacities: Floats, mesh: Floats) -> Drawn:  # [n], [V, 3] mm
+    normals = head.interpolate @ head.whole.normals(mesh)[0]
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9
+    points = head.interpolate @ mesh[head.used] - head.depths[:, None] * normals
+    return Drawn(points, normals, head.scales, opacities, head.depths > 0)
+
+
+def places(
+    corners: NDArray[np.integer],  # [F, 3] triangles
+    mesh: Floats,  # [V, 3] mm
+    uv: Floats,  # [V, 2]
+    count: int,
+) -> tuple[Floats, Floats, Floats]:
+    """Points [S, 3] mm, normals [S, 3] and texture coordinates [S, 2], even over the triangles."""
+    rng = np.random.default_rng(0)
+    a, b, c = (mesh[corners[:, k]] for k in range(3))
+    across = np.cross(b - a, c - a)
+    area = np.linalg.norm(across, axis=1)
+    chosen = rng.choice(len(corners), count, p=area / area.sum())
+    inside = rng.dirichlet((1, 1, 1), count).astype(np.float32)[:, :, None]
+    points, at = ((v[corners[chosen]] * inside).sum(1) for v in (mesh, uv))
+    return points, (across / area[:, None])[chosen], at
+
+
+def blend(
+    gaussians: Drawn,
+    shares: csr_array,  # [n, N] see Decoder.shares
+    points: Floats,  # [S, 3] mm
+    normals: Floats,  # [S, 3] unit
+    uv: Floats,  # [S, 2]
+) -> Blend:
+    """Gaussians composited front to back at every place, once for each view that it faces."""
+    from scipy.spatial import KDTree
+
+    found: list[NDArray[np.intp]] = []
+    for layer, count in ((~gaussians.below, NEAR), (gaussians.below, NEAR_BELOW)):
+        rows = np.flatnonzero(layer)
+        found.append(rows[np.asarray(KDTree(gaussians.points[rows]).query(points, k=count)[1])])
+    near = np.concatenate(found, 1)
+    parts, seen_at = list[csr_array](), list[Floats]()
+    for yaw, pitch in np.radians(VIEWS_DEG):
+        flat = np.cos(pitch)
+        towards = np.array([np.sin(yaw) * flat, np.sin(pitch), np.cos(yaw) * flat], np.float32)
+        facing = np.flatnonzero(normals @ towards > LEAST_COSINE)
+        rows, share = composited(gaussians, near[facing], points[facing], towards)
+        seen = share.sum(1)
+        whole = seen > LEAST_SEEN
+        rows, share = rows[whole], (share / seen[:, None])[whole].astype(np.float32)
+        starts = np.arange(0, rows.size + 1, rows.shape[1])
+        size = (len(rows), len(gaussians.points))
+        parts.append(csr_array((share.ravel(), rows.ravel(), starts), shape=size) @ shares)
+        seen_at.append(uv[facing][whole])
+    return Blend(csr_array(vstack(parts), dtype=np.float64), np.concatenate(seen_at))
+
+
+def composited(
+    gaussians: Drawn,
+    near: NDArray[np.intp],  # [S, K] Gaussians around each place
+    points: Floats,  # [S, 3] mm
+    towards: Floats,  # [3] unit: the viewer
+) -> tuple[NDArray[np.intp], Floats]:
+    """The same Gaussians front to back [S, K], and the share of each in what is seen [S, K]."""
+    depth = gaussians.points[near] @ towards
+    order = np.argsort(-depth, axis=1)
+    near = np.take_along_axis(near, order, 1)
+    off, flat = points[:, None] - gaussians.points[near], gaussians.normals[near]
+    cosine = np.maximum(flat @ towards, LEAST_COSINE)
+    off -= ((off * flat).sum(2) / cosine)[:, :, None] * towards  # along the ray, to its plane
+    width = gaussians.widths[near] ** 2
+    spread = width + np.where(gaussians.below[near], 0, PIXEL_MM**2)
+    alpha = gaussians.opacities[near] * width / spread * np.exp(-0.5 * (off**2).sum(2) / spread)
+    alpha[alpha < LEAST_ALPHA] = 0
+    left = np.cumprod(1 - alpha, axis=1)
+    return near, alpha * np.concatenate([np.ones_like(left[:, :1]), left[:, :-1]], 1)
+
+
+def sharpened(
+    albedo: Floats,  # [N, 3] 0..1 stored
+    free: NDArray[np.bool_],  # [N] which may change
+    of: Blend,
+    skin: Floats,  # [H, 2 H, 3] the texture
+) -> Floats:  # [N, 3]
+    """Colours that show the skin's detail: brighter or darker, in the hue that they have."""
+    from scipy.sparse.linalg import lsmr
+
+    missing = (textures.sample(skin, of.uv * ATLAS) - of.shares @ albedo) @ LUMINANCE
+    shares = of.shares[:, np.flatnonzero(free)]
+    change = lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]
+    out = albedo.copy()
+    light = np.maximum(albedo[free] @ LUMINANCE, 0.05)
+    out[free] *= np.maximum(1 + change / light, 0)[:, None].astype(np.float32)
+    return np.clip(out, 0, 1)

@@ -1,0 +1,71 @@
+"""Colours that together show a texture: what is seen of overlapping Gaussians, and its inverse."""
+
+import numpy as np
+from scipy.sparse import csr_array, eye_array
+
+from render.avatars import detail, textures
+
+STEP_MM, SIDE = 1.0, 24  # a flat sheet of Gaussians that faces the viewer
+
+
+def sheet() -> detail.Drawn:
+    """Narrow Gaussians on a grid, 1 mm below them a wide one under every fourth."""
+    at = np.arange(SIDE) * STEP_MM
+    x, y = (v.ravel() for v in np.meshgrid(at, at))
+    above = np.stack([x, y, np.zeros_like(x)], 1)
+    wide = above[(x % 2 == 0) & (y % 2 == 0)] - np.array([0, 0, 1.0])
+    points = np.concatenate([above, wide]).astype(np.float32)
+    below = points[:, 2] < 0
+    return detail.Drawn(
+        points,
+        np.tile(np.array([0, 0, 1], np.float32), (len(points), 1)),
+        np.where(below, 1.6, 0.35).astype(np.float32),
+        np.full(len(points), 0.98, np.float32),
+        below,
+    )
+
+
+def shares_of(drawn: detail.Drawn) -> csr_array:
+    """Those below have the mean colour of the four above."""
+    above, wide = drawn.points[~drawn.below], drawn.points[drawn.below]
+    off = above[None, :, :2] - wide[:, None, :2]
+    mean = ((off >= 0) & (off < 2 * STEP_MM)).all(2)
+    mean = mean / mean.sum(1, keepdims=True)
+    return csr_array(np.concatenate([eye_array(len(above)).toarray(), mean]))
+
+
+def test_front_covers_what_is_behind():
+    drawn = sheet()
+    place = drawn.points[:1] + np.array([[0.1, 0.0, 0.0]], np.float32)
+    wide = int(np.flatnonzero(drawn.below)[0])
+    near = np.array([[wide, 0]])  # the one below given first
+    rows, share = detail.composited(drawn, near, place, np.array([0, 0, 1], np.float32))
+    assert rows.tolist() == [[0, wide]]
+    assert share[0, 0] > 0.7 and 0.05 < share[0, 1] < 1 - share[0, 0]
+
+
+def test_a_sheet_shows_its_texture_in_its_own_hue():
+    drawn, rng = sheet(), np.random.default_rng(1)
+    above = drawn.points[~drawn.below]
+    low, high = 4, SIDE - 4  # away from the edge of the sheet
+    points = np.zeros((4000, 3), np.float32)
+    points[:, :2] = rng.uniform(low, high, (4000, 2))
+    normals = np.tile(np.array([0, 0, 1], np.float32), (len(points), 1))
+    uv = (points[:, :2] / SIDE).astype(np.float32)
+    coarse = textures.soft(rng.random((96, 192, 1)).astype(np.float32), 2.5)
+    coarse = 0.5 + 0.12 * (coarse - coarse.mean()) / coarse.std()
+    skin = np.clip(coarse * np.array([1.2, 0.9, 0.7]), 0, 1).astype(np.float32)
+    blend = detail.blend(drawn, shares_of(drawn), points, normals, uv)
+    np.testing.assert_allclose(blend.shares.sum(1), 1, atol=1e-5)
+    albedo = textures.sample(skin, (above[:, :2] / SIDE).astype(np.float32) * detail.ATLAS)
+    free = (above[:, :2] > 2).all(1) & (above[:, :2] < SIDE - 3).all(1)
+    seen = textures.sample(skin, blend.uv * detail.ATLAS)
+    before = np.abs(blend.shares @ albedo - seen).mean()
+    sharp = detail.sharpened(albedo, free, blend, skin)
+    assert np.abs(blend.shares @ sharp - seen).mean() < 0.75 * before
+    assert (sharp[~free] == albedo[~free]).all()
+    inside = (sharp > 0.01).all(1) & (sharp < 0.99).all(1)
+    hue = [c[inside] / c[inside].sum(1, keepdims=True) for c in (sharp, albedo)]
+    np.testing.assert_allclose(hue[0], hue[1], atol=1e-5)
+    again = detail.sharpened(albedo, free, blend, skin)
+    assert (again == sharp).all()
