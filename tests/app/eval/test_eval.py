@@ -1,6 +1,7 @@
 """`livedrive eval`: tables and thresholds from known metrics, the A/B page and its votes."""
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 
 from app.commands.eval import EvalAb
 from app.eval import plots as eval_plots
-from app.eval.ab import find_pairs, tally
+from app.eval.ab import find_pairs, make_page, tally
 from app.eval.speech import live as eval_live
 from app.eval.speech.tables import make_thresholds, show
+from render.decoder.learned import weights_file
 from sensors.types import InputError
 
 
@@ -74,6 +76,22 @@ def test_page_holds_each_pair_once_and_hides_who_is_who(tmp_path):
     assert str(a) not in page
     with pytest.raises(InputError, match="same names"):
         find_pairs(a, videos(tmp_path / "c", "q.mp4"))
+
+
+@pytest.mark.slow
+def test_people_of_two_folders_of_weights_are_drawn(tmp_path):
+    for side in "ab":
+        (tmp_path / side).mkdir()
+        for stem in ("prior", "avatar_ada"):
+            for kind in ("json", "safetensors"):
+                name = f"{stem}.{kind}"
+                shutil.copy(weights_file.FOLDER / name, tmp_path / side)
+    make_page(tmp_path / "a", tmp_path / "b", tmp_path / "ab.html", seed=0, size=128)
+    page = (tmp_path / "ab.html").read_text()
+    trials = json.loads(page.split("const trials = ")[1].split(", key")[0])
+    assert {t["name"] for t in trials} == {"ada_neutral.jpg", "ada_smile.jpg"}
+    assert all(t["left_video"] == t["right_video"] for t in trials)
+    assert trials[0]["left_video"] != trials[1]["left_video"]
 
 
 def test_votes_are_counted(tmp_path, capsys):
