@@ -10,8 +10,9 @@ NAME = "a-z, 0-9, - and _, at most 32"
 
 @dataclass(frozen=True, kw_only=True)
 class AvatarParts:
-    geometry: Path  # npz with `vertices` [26719, 3], or OBJ
-    texture: Path  # skin atlas, 2:1
+    geometry: Path  # npz with `vertices` [26719, 3], or OBJ; or a scan of any topology
+    texture: Path | None  # skin atlas, 2:1; None: the colours of the scan
+    landmarks: Path | None  # JSON of places in the scan, see app/avatars/register.py
     eye: str  # eye colour
     hair: str | None  # avatar whose hair is worn
     beard: str | None  # avatar whose beard is worn
@@ -23,6 +24,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     Raises InputError where the name is taken or not one, or a file is not what it should be."""
     from dataclasses import replace as with_parts
 
+    from app.avatars import register
     from render.avatars import scan
     from render.avatars.hair_transfer import transfer
     from render.avatars.maker import Maker
@@ -31,15 +33,26 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     _check(name, folder, replace)
     lender = identity.load(parts.hair) if parts.hair else None
     maker = Maker()
-    geometry = scan.read_geometry(parts.geometry, maker.faces)
-    skin = scan.read_texture(parts.texture)
+    skin = scan.read_texture(parts.texture) if parts.texture else None
+    if scan.is_registered(parts.geometry, maker.faces):
+        if skin is None:
+            raise InputError(
+                f"{parts.geometry}: expected the skin of a head in the topology of the face data, "
+                "got no --texture; give its atlas"
+            )
+        geometry = scan.read_geometry(parts.geometry, maker.faces)
+    else:
+        geometry, skin = register.head(maker, parts.geometry, parts.landmarks, skin)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
         who = with_parts(who, hair=transfer(lender, who))
     if parts.beard:
         who = with_parts(who, beard=identity.load(parts.beard).beard)
-    read = {"geometry": parts.geometry.name, "texture": parts.texture.name}
-    card = {"command": "livedrive avatar create", **asdict(parts), **read}
+    given = {
+        key: value.name if isinstance(value, Path) else value
+        for key, value in asdict(parts).items()
+    }
+    card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)
     return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
 

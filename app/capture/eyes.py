@@ -65,7 +65,7 @@ def _file(job: tuple[Path, int, list[str], tuple[int, int]]) -> float:
     """Render one file; returns its CPU seconds, without the start of the process."""
     global _renderer
     from encoder.capture import dataset
-    from encoder.eyes.pictures import pixels
+    from encoder.eyes.format import pixels
     from render.decoder import identity
     from render.decoder.decoder import Decoder
     from render.near_eye.camera import NearEye

@@ -92,14 +92,22 @@ class TurnAvatar:
 
 @dataclass(kw_only=True)
 class CreateAvatar:
-    """Make an avatar of a person from the geometry and texture of a neutral face."""
+    """Make an avatar of a person from a scan of a neutral face, eyes open, lips closed.
+
+    A head of another topology is registered (pip install 'livedrive[register]')."""
 
     name: Positional[str]
     """Name of the new avatar."""
     geometry: Path
-    """npz with `vertices` [26719, 3], or OBJ, in the topology of the face data; mm, cm or m."""
-    texture: Path
-    """Skin atlas: face in the left half, back of the head in the right; 2:1, opaque."""
+    """Scan as GLB, OBJ, PLY or STL; or, in the topology of the face data, npz with `vertices`
+    [26719, 3] or OBJ; mm, cm or m."""
+    texture: File = None
+    """Skin atlas: face in the left half, back of the head in the right; 2:1, opaque. Default:
+    the colours of the scan, where it has another topology."""
+    landmarks: File = None
+    """JSON {"nose_tip": [x, y, z], ...} in the coordinates of such a scan: three or more of
+    nose_tip, chin, mouth_left, mouth_right, left_eye_inner, left_eye_outer, right_eye_inner,
+    right_eye_outer; left is the subject's. Default: the face is found."""
     eye: str = "brown"
     """Colour of the eyes: blue, brown, brownlight, green or grey."""
     hair: Name = None
@@ -118,6 +126,7 @@ class CreateAvatar:
         parts = AvatarParts(
             geometry=self.geometry,
             texture=self.texture,
+            landmarks=self.landmarks,
             eye=self.eye,
             hair=self.hair,
             beard=self.beard,

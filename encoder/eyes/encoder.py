@@ -14,9 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.eyes.conjugate import trust
-from encoder.eyes.format import GAZE_UNIT, RIG, SIDE, EyeNetConfig, doubt_of, unit
+from encoder.eyes.format import (
+    GAZE_UNIT,
+    MIN_SPREAD,
+    RIG,
+    SIDE,
+    EyeNetConfig,
+    doubt_of,
+    normalised,
+    unit,
+)
 from encoder.eyes.framing import EyeFraming, FramingState, new_framing
-from encoder.eyes.pictures import MIN_SPREAD, normalised
 from encoder.nn.checkpoint import config_from, load
 from sensors.types import InputError
 

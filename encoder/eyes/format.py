@@ -1,7 +1,6 @@
 """What goes into the eye encoder's network and what comes out of it; needs no torch.
 
-Where: SensorFrame.eyes -> `pictures.pixels` -> `pictures.normalised` -> network -> x and y of the
-gaze -> `unit`.
+Where: SensorFrame.eyes -> `pixels` -> `normalised` -> network -> x and y of the gaze -> `unit`.
 """
 
 from dataclasses import dataclass
@@ -15,8 +14,11 @@ SIDE = EYE_SIZE // 4  # 100: the network sees means of 4 x 4 pixels
 FEATURES = 80  # an eye; e is 160
 # What the upper face does, besides gaze, as far as an eye camera can see it.
 RIG = ("eyeBlink", "eyeSquint", "eyeWide", "browDown", "browInnerUp", "browOuterUp", "cheekSquint")
+MIN_SPREAD = 4.0  # grey levels; a flatter picture is not stretched any further
 MAX_SINE = 0.85  # of the angle off straight ahead
 GAZE_UNIT = 0.2  # the network's 1.0 is 11.5 degrees
+MOST = 3.0  # spreads from the mean
+BRIGHT, ABOVE = 0.97, 0.5  # of the pixels; brighter ones are glints, and cut a little above
 # What the tracker follows: chance (logit), opening, gaze, and the pupil's place in half widths of
 # the picture (+x right, +y down); `doubt_of` reads the doubts.
 MEASURES = ("present", "lid", "gaze_x", "gaze_y", "doubt", "pupil_x", "pupil_y", "pupil_doubt")
@@ -41,6 +43,65 @@ PRESETS = {
     "debug": EyeNetConfig(layers=((4, 5, 4), (8, 3, 2), (8, 3, 1), (8, 3, 2)), synthesis=16),
     "default": EyeNetConfig(),
 }
+
+
+def pixels(
+    eyes: NDArray[np.uint8],  # [2, 400, 400] left, right; or smaller, by whole steps of 100
+) -> NDArray[np.uint8]:  # [2, 100, 100]
+    """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
+    shrink = eyes.shape[1] // SIDE
+    small = _quarters(eyes) if shrink == 4 else _shrunk(eyes, shrink)
+    small[1] = small[1, :, ::-1].copy()
+    return small
+
+
+def _shrunk(eyes: NDArray[np.uint8], shrink: int) -> NDArray[np.uint8]:
+    rows = eyes.reshape(2, SIDE, shrink, eyes.shape[2])
+    tall = rows[:, :, 0].astype(np.uint16)
+    for k in range(1, shrink):
+        tall += rows[:, :, k]
+    small = tall[:, :, ::shrink].copy()
+    for k in range(1, shrink):
+        small += tall[:, :, k::shrink]
+    return ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
+
+
+_BYTES, _PAIRS = np.uint64(0x00FF00FF00FF00FF), np.uint64(0x0000FFFF0000FFFF)
+
+
+def _quarters(eyes: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The same of 4 x 4 pixels, eight pixels in one number: a third faster."""
+    small = np.empty((2, SIDE, SIDE), np.uint8)
+    for eye in (0, 1):
+        eights = np.ascontiguousarray(eyes[eye]).view("<u8").reshape(SIDE, 4, SIDE // 2)
+        twos = eights >> np.uint64(8)
+        twos &= _BYTES
+        twos += eights & _BYTES
+        tall = twos[:, 0] + twos[:, 1]
+        tall += twos[:, 2]
+        tall += twos[:, 3]
+        fours = (tall & _PAIRS) + ((tall >> np.uint64(16)) & _PAIRS)
+        small[eye] = (fours.view("<u4") + np.uint32(8)) >> np.uint32(4)
+    return small
+
+
+def normalised(
+    small: NDArray[np.uint8],  # [B, n, n]
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:  # [B, 1, n, n], [B]
+    """Pictures of mean 0 and spread 1, in -3..3: exposure cancels, and glints hardly count. And the
+    spreads they had.
+    """
+    step = small.shape[1] // 25
+    some = small[:, ::step, ::step].reshape(len(small), -1)
+    half, high = some.shape[1] // 2, int(BRIGHT * (some.shape[1] - 1))
+    some = np.partition(some, (half, high), axis=1).astype(np.float32)
+    usual, bright = some[:, half, None], some[:, high, None]
+    x = small.reshape(len(small), -1).astype(np.float32)
+    np.minimum(x, bright + ABOVE * (bright - usual), out=x)
+    x -= x.mean(1, keepdims=True)
+    spread = np.sqrt(np.einsum("bi,bi->b", x, x) / x.shape[1])
+    x /= np.maximum(spread, MIN_SPREAD)[:, None]
+    return np.clip(x, -MOST, MOST, out=x).reshape(len(small), 1, *small.shape[1:]), spread
 
 
 def doubt_of(raw: NDArray[np.floating]) -> NDArray[np.floating]:

@@ -16,8 +16,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.eyes.format import SIDE
-from encoder.eyes.pictures import normalised, pixels
+from encoder.eyes.format import SIDE, normalised, pixels
 
 Array = NDArray[np.float32]
 Picture = NDArray[np.uint8]

@@ -38,6 +38,8 @@ class Maker:
         self.faces, self.regions = fields["faces"], fields["regions"]
         self.template = prior_file.template(self._t)
         self.anchor_triangles = self._t["anchor_triangles"].astype(np.int32)
+        self.surface_kinds = self._t["vertex_kinds"]
+        self.anchor_kinds, self.anchor_uv = self._t["anchor_kinds"], self._t["anchor_uv"]
         self._context = context
 
     @cached_property

@@ -9,12 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from render.avatars import surface_scan
+from render.avatars.alignment import UNITS
 from render.types import Floats
 from sensors import files
 from sensors.types import InputError
 
 HEAD_MM = (250.0, 420.0)  # height of the mesh, neck included, from a small child to a giant
-UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 MAX_PIXELS = 16384 * 8192  # of a texture
 SMALLEST_TEXTURE = 256
 MAX_COLLAPSED = 0.01  # share of triangles without area
@@ -54,6 +55,16 @@ def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) 
             "area; fill the holes first"
         )
     return vertices
+
+
+def is_registered(path: Path, faces: NDArray[np.int32]) -> bool:
+    """Whether a file is to be read by `read_geometry`: npz, or an OBJ with as many vertices."""
+    kind = path.suffix.lower()
+    if kind != ".obj":
+        return kind not in surface_scan.KINDS
+    with files.open_regular(path) as file:
+        count = sum(line.startswith(b"v ") for line in file)
+    return count == int(faces.max()) + 1
 
 
 def read_geometry(path: Path, faces: NDArray[np.int32]) -> Floats:

@@ -1,6 +1,6 @@
 """Splat renderer for software GL: compiled loops prepare what one compute pass blends.
 
-The Gaussians are projected (`projector.py`), dealt to the tiles that their ellipses
+The Gaussians are projected (`tile_projector.py`), dealt to the tiles that their ellipses
 reach (`tile_pairs.py`), and every tile is blended by itself, front to back, in float32
 (shaders/tiles.comp.glsl).
 """

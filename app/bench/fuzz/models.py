@@ -141,3 +141,29 @@ def avatar(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
             identity.load(f"{path}.safetensors")
 
     return feed
+
+
+def scan(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
+    """Scans of another topology in each format; the reader is trimesh's."""
+    from render.avatars import surface_scan
+
+    try:
+        import trimesh
+    except ImportError:
+        return lambda: None  # nothing reads scans without the extra
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=100)
+    kinds = [kind[1:] for kind in surface_scan.KINDS]
+    made = {kind: ball.export(file_type=kind) for kind in kinds}
+    whole = {
+        kind: data if isinstance(data, bytes) else data.encode() for kind, data in made.items()
+    }
+
+    def feed() -> None:
+        kind = kinds[fuzzer.pick(len(kinds))]
+        path, data = folder / f"scan.{kind}", whole[kind]
+        head = 1600 if fuzzer.pick(2) else len(data)  # headers matter most
+        path.write_bytes(fuzzer.mutate(data[:head]) + data[head:])
+        with suppress(InputError):
+            surface_scan.load_mesh(path)
+
+    return feed

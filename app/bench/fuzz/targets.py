@@ -35,5 +35,6 @@ TARGETS = {
     "safetensors": Target(models.safetensors, 0.028),
     "session": Target(sessions.session, 0.0015, chunk=250),
     "avatar": Target(models.avatar, 0.0005, chunk=100),
-    "page": Target(network.page, 0.02),  # the last: a target's place is part of its seed
+    "page": Target(network.page, 0.02),
+    "scan": Target(models.scan, 0.002, chunk=100),  # the last: a target's place is part of its seed
 }

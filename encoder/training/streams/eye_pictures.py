@@ -1,7 +1,7 @@
 """Training pictures of eyes with their truth, and random distortions of them.
 
-Files hold small left-like pictures (`encoder.eyes.pictures.pixels`), so that a hundred thousand fit
-in memory. The truth is rule-made: the capture stage drew these pictures from it.
+Files hold small left-like pictures (`eye_format.pixels`), so that a hundred thousand fit in
+memory. The truth is rule-made: the capture stage drew these pictures from it.
 """
 
 from __future__ import annotations
@@ -15,8 +15,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from encoder.eyes.format import RIG, SIDE
-from encoder.eyes.pictures import ABOVE, BRIGHT, MIN_SPREAD, MOST
+from encoder.eyes.format import ABOVE, BRIGHT, MIN_SPREAD, MOST, RIG, SIDE
 from sensors.types import InputError
 
 ARRAYS = ("pictures", "gaze", "lids", "rig", "subject")
@@ -184,7 +183,7 @@ def augmented(pictures: np.ndarray, times: int = 1) -> tuple[Tensor, Tensor]:
 
 
 def standard(x: Tensor) -> Tensor:
-    """`encoder.eyes.pictures.normalised`, in torch: [B, n, n] -> [B, 1, n, n]."""
+    """`eye_format.normalised`, in torch: [B, n, n] -> [B, 1, n, n]."""
     step = x.shape[-1] // 25
     some = x[:, ::step, ::step].flatten(1).sort(1).values
     bright, usual = some[:, int(BRIGHT * (some.shape[1] - 1))], some[:, some.shape[1] // 2]

@@ -17,8 +17,7 @@ from encoder.eyes.encoder import (
     load_eye_encoder,
     new_encoder_state,
 )
-from encoder.eyes.format import GAZE_UNIT, MEASURES, unit
-from encoder.eyes.pictures import normalised, pixels
+from encoder.eyes.format import GAZE_UNIT, MEASURES, normalised, pixels, unit
 from encoder.nn.checkpoint import save
 from sensors.types import InputError
 

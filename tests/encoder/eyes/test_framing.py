@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from eye_material import drawn_eye, net
 
+from encoder.eyes.format import pixels
 from encoder.eyes.framing import (
     MEMORY,
     STRAYED_LOOKS,
@@ -16,7 +17,6 @@ from encoder.eyes.framing import (
     halved,
     new_framing,
 )
-from encoder.eyes.pictures import pixels
 
 
 class Finder:

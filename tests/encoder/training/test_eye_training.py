@@ -11,9 +11,8 @@ import torch
 from eye_material import drawn_eye
 
 from encoder.eyes.encoder import load_eye_encoder
-from encoder.eyes.format import PRESETS, RIG, SIDE
+from encoder.eyes.format import PRESETS, RIG, SIDE, normalised, pixels
 from encoder.eyes.network import EyeNet
-from encoder.eyes.pictures import normalised, pixels
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.stages import eyes

@@ -11,8 +11,8 @@ import torch
 from eye_material import drawn_eye, net
 
 from encoder.eyes.encoder import load_eye_encoder
+from encoder.eyes.format import normalised
 from encoder.eyes.framing import FRAME_MM, cut
-from encoder.eyes.pictures import normalised
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.stages import wide_eyes

@@ -1,0 +1,57 @@
+"""The skin atlas of a registered scan: every texel takes the colour of the scan where it lies."""
+
+import numpy as np
+from PIL import Image
+from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
+from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
+
+from render.avatars.maker import Maker
+from render.avatars.surface_scan import Scan
+from render.decoder import mesh_parts
+from render.decoder.posing import sphere_centre
+from render.types import Floats
+
+SIZE = 512  # texels: half of the atlas, about what a scan shows
+NEIGHBOURS = 3
+LID_MM = 0.7  # a lid lies farther than this above its eyeball
+HOLE_MM = (3.0, 8.0)  # from a place of the scan: there its colour gives way to those around
+SOFT = 12.0  # texels
+
+
+def paint(maker: Maker, geometry: Floats, scan: Scan) -> Floats:  # [1024, 2048, 3] 0..1
+    """Of a scan with colours."""
+    assert scan.colors is not None
+    skin = np.ones(len(scan.places), bool)
+    for eye in maker.posing.eyeballs:
+        centre = sphere_centre(geometry[eye])
+        radius = np.median(np.linalg.norm(geometry[eye] - centre, axis=1))
+        skin &= np.linalg.norm(scan.places - centre, axis=1) > radius + LID_MM
+    distance, near = KDTree(scan.places[skin]).query(_places(maker, geometry), k=NEIGHBOURS)
+    picture = scan.colors[skin][near].mean(1).reshape(SIZE, 2 * SIZE, 3)
+    low, high = HOLE_MM
+    known = np.clip((high - distance[:, 0]) / (high - low), 0, 1).reshape(SIZE, 2 * SIZE, 1)
+    sums = gaussian_filter(picture * (known + 1e-4), (SOFT, SOFT, 0))
+    around = sums / gaussian_filter(known + 1e-4, (SOFT, SOFT, 0))
+    rgb = np.rint(255 * np.clip(around + known * (picture - around), 0, 1)).astype(np.uint8)
+    large = Image.fromarray(rgb).resize((2048, 1024), Image.Resampling.BICUBIC)
+    return np.asarray(large, np.float32) / np.float32(255)
+
+
+def _places(maker: Maker, geometry: Floats) -> Floats:  # [SIZE * 2 * SIZE, 3] mm
+    """Where the texels lie: between those Gaussians that have a place in the atlas."""
+    head = maker.surface
+    on_skin = maker.anchor_kinds == mesh_parts.SKIN
+    uv = maker.anchor_uv[on_skin].astype(np.float64)
+    at = (head.interpolate @ geometry[head.used])[on_skin]
+    row, column = np.indices((SIZE, SIZE)).reshape(2, -1)
+    texels = np.stack([(column + 0.5) / SIZE, 1 - (row + 0.5) / SIZE], 1)
+    halves = []
+    for tile in (0, 1):
+        own = np.floor(uv[:, 0]) == tile
+        corners, values = uv[own] - np.array([tile, 0]), at[own]
+        places = LinearNDInterpolator(corners, values)(texels)
+        out = np.isnan(places[:, 0])
+        places[out] = NearestNDInterpolator(corners, values)(texels[out])
+        halves.append(places.reshape(SIZE, SIZE, 3))
+    return np.concatenate(halves, 1).reshape(-1, 3)
