@@ -1,12 +1,17 @@
 """`livedrive avatar create` as a user types it."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from PIL import Image
 
+from app.avatars import register
 from app.commands.avatar import CreateAvatar
+from render.avatars import registration
+from render.avatars.maker import Maker
 from render.decoder import identity
 from sensors.types import InputError
 
@@ -40,6 +45,42 @@ def test_nobody_is_replaced_unasked(files: dict[str, Path]) -> None:
     with pytest.raises(InputError, match="--replace"):
         CreateAvatar(name="me", **files).run()
     CreateAvatar(name="me", replace=True, **files).run()
+
+
+def test_a_scan_of_another_topology_becomes_an_avatar(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: expected vertices [26719, 3]. Landmarks in the scan's own coordinates."""
+    maker, geometry = Maker(), identity.load("kofi").geometry
+    mesh = trimesh.Trimesh(geometry, maker.skin, process=False).subdivide()
+    mesh.visual.vertex_colors = [200, 150, 120, 255]
+    mesh.apply_scale(0.1)
+    mesh.export(tmp_path / "head.glb")
+    places = {
+        name: (geometry[vertex] / 10).tolist()
+        for name, vertex in registration.landmark_vertices(maker).items()
+    }
+    (tmp_path / "marks.json").write_text(json.dumps(places))
+    options = {"geometry": tmp_path / "head.glb", "landmarks": tmp_path / "marks.json"}
+    CreateAvatar(name="me", out=tmp_path, **options).run()
+    assert "face 0." in capsys.readouterr().out
+    who = identity.load("me", tmp_path)
+    assert np.ptp(who.geometry[:, 1]) / np.ptp(geometry[:, 1]) > 0.05
+    assert '"landmarks": "marks.json"' in (tmp_path / "avatar_me.json").read_text()
+
+
+@pytest.mark.parametrize(
+    "marks", ["[", "[1]", '{"ear": [1, 2, 3]}', '{"chin": [1, 2]}', '{"chin": [1, 2, 3]}']
+)
+def test_landmarks_are_checked(marks: str, tmp_path: Path) -> None:
+    (tmp_path / "marks.json").write_text(marks)
+    with pytest.raises(InputError, match="at least 3 of nose_tip, chin"):
+        register.read_landmarks(tmp_path / "marks.json", ["nose_tip", "chin"])
+
+
+def test_a_head_of_ours_needs_its_texture(files: dict[str, Path]) -> None:
+    with pytest.raises(InputError, match="--texture"):
+        CreateAvatar(name="me", geometry=files["geometry"], out=files["out"]).run()
 
 
 @pytest.mark.parametrize(

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from PIL import Image
 from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
@@ -161,3 +162,24 @@ def test_an_odd_size_and_a_missing_extra_name_what_to_do(
     monkeypatch.setitem(sys.modules, "trimesh", None)
     with pytest.raises(InputError, match=r"pip install 'livedrive\[register\]'"):
         surface_scan.read(path, NOWHERE)
+
+
+def test_an_obj_opens_textures_of_its_own_folder_alone(tmp_path: Path) -> None:
+    """What a material names elsewhere, or by a link, is not followed."""
+    inside = tmp_path / "scan"
+    inside.mkdir()
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=100)
+    uv = np.full((len(ball.vertices), 2), 0.5)
+    ball.visual = trimesh.visual.TextureVisuals(uv, image=Image.new("RGB", (8, 8), (51, 204, 51)))
+    ball.export(inside / "ball.obj", mtl_name="ball.mtl")
+    (picture,) = inside.glob("*.png")
+    colors = surface_scan.read(inside / "ball.obj", NOWHERE).colors
+    assert colors is not None
+    np.testing.assert_allclose(colors[0], (0.2, 0.8, 0.2))
+    picture.rename(tmp_path / picture.name)
+    material = (inside / "ball.mtl").read_text()
+    (inside / "ball.mtl").write_text(material.replace(picture.name, f"../{picture.name}"))
+    assert surface_scan.read(inside / "ball.obj", NOWHERE).colors is None
+    (inside / "ball.mtl").write_text(material)
+    picture.symlink_to(tmp_path / picture.name)
+    assert surface_scan.read(inside / "ball.obj", NOWHERE).colors is None
