@@ -148,13 +148,14 @@ def scan(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     from render.avatars import surface_scan
 
     try:
-        import trimesh
+        from trimesh import creation
     except ImportError:
         return lambda: None  # nothing reads scans without the extra
-    ball = trimesh.creation.icosphere(subdivisions=3, radius=100)
+    makes: Any = creation  # its types are partial
+    ball = makes.icosphere(subdivisions=3, radius=100)
     kinds = [kind[1:] for kind in surface_scan.KINDS]
-    made = {kind: ball.export(file_type=kind) for kind in kinds}
-    whole = {
+    made: dict[str, Any] = {kind: ball.export(file_type=kind) for kind in kinds}
+    whole: dict[str, bytes] = {
         kind: data if isinstance(data, bytes) else data.encode() for kind, data in made.items()
     }
 
