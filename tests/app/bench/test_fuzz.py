@@ -48,7 +48,7 @@ def endless(fuzzer: Fuzzer, folder: Path):
 
 
 def greedy(fuzzer: Fuzzer, folder: Path):
-    sizes = iter((1, 80, 1))
+    sizes = iter((1, 200, 1))  # more than other tests of this process may give back meanwhile
     return lambda: len(os.urandom(next(sizes) << 20))
 
 
