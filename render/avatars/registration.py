@@ -31,6 +31,7 @@ PLACES = 3000  # of the skin that the shapes are fitted at
 BENDING = (3000.0, 300.0, 60.0, 20.0)  # weights, one after the other
 ROUNDS_EACH = 4
 CALM = 20.0  # how much more lids and lips resist bending
+EDGE_MM = 4.0  # from the line between the lips
 RIDGE = 1e-4
 SIZE_SHARE = 0.05  # a deviation of the size of a head
 LANDMARK = 30.0  # weight of one
@@ -116,9 +117,13 @@ def landmark_vertices(maker: Maker) -> dict[str, int]:
 
 
 def visible(maker: Maker) -> tuple[Ints, Ints]:
-    """Vertices of the face, and of all the skin, that a scanner sees."""
+    """Vertices of the face, and of all the skin, that a scanner sees; where lips meet it sees a
+    crease, which would pull them apart."""
     used = np.unique(maker.skin)
     outer = np.setdiff1d(used[used < SKIN_VERTICES], maker.regions["inner_mouth_lip_roll"])
+    edges = [maker.posing.mouth.upper, maker.posing.mouth.lower]
+    distance, _ = KDTree(maker.template[np.concatenate(edges)]).query(maker.template[outer])
+    outer = outer[distance > EDGE_MM]
     return np.intersect1d(outer, maker.regions["narrow_face"]), outer
 
 
@@ -176,8 +181,10 @@ def _bending(maker: Maker) -> csc_array:  # [ATTACHED, ATTACHED]
     around = np.asarray(edges.sum(1)).ravel()
     laplace = csc_array(eye_array(ATTACHED) - diags_array(1 / np.maximum(around, 1)) @ edges)
     calm = np.ones(ATTACHED)
-    for name in ("eyelids", "lips"):
+    for name in ("eyelids", "lips", "inner_mouth_lip_roll"):
         calm[maker.regions[name]] = CALM
+    members = maker.posing.mouth.members
+    calm[members[members < ATTACHED]] = CALM
     return csc_array(laplace.T @ diags_array(calm) @ laplace)
 
 
