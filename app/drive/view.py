@@ -1,7 +1,7 @@
 """A view turns a driven frame into a picture: decoder, identity and renderer of one avatar."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, nullcontext
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,9 @@ from render.decoder import identity
 from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.decoder.identity import Identity
 from render.types import AHEAD, Camera, Gaussians, Renderer
+from sensors.types import HeadPose
 
+TURNED = HeadPose(quat=(0.96, 0.0, 0.28, 0.0))  # goes all the ways that a head at rest spares
 Timer = Callable[[str], AbstractContextManager[object]]
 
 
@@ -54,8 +56,8 @@ class PortraitView:
 
     def warm_up(self) -> None:
         face = np.zeros(EXPRESSION_DIM, np.float32)
-        _, gaussians = self._decoder.decode(face, AHEAD, self._identity)
-        self._renderer.draw(gaussians, self._camera)
+        driven = DrivenFrame(0, 0, face, AHEAD, head=TURNED, breath=0.5)
+        self.draw(driven, lambda _: nullcontext())
 
     def draw(self, driven: DrivenFrame, timer: Timer) -> NDArray[np.uint8]:
         with timer("decode"):
