@@ -104,14 +104,19 @@ async def socket_to(
 
 
 def play(work: Callable[[], Awaitable[None]]) -> None:
-    """In a thread of its own: a browser of the same module holds the loop of this one."""
+    """Here, where tests draw; in a thread where a browser of the module holds the loop of this."""
 
     async def limited() -> None:
         async with asyncio.timeout(PATIENCE_S):
             await work()
 
-    with ThreadPoolExecutor(1) as thread:
-        thread.submit(lambda: asyncio.run(limited())).result()
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        asyncio.run(limited())
+    else:
+        with ThreadPoolExecutor(1) as thread:
+            thread.submit(lambda: asyncio.run(limited())).result()
 
 
 def draw(renderer: Renderer, gaussians: Gaussians, size: int = 256) -> np.ndarray:
