@@ -104,7 +104,14 @@ def load_mesh(path: Path) -> Any:
             f"{path}: expected a mesh of {MIN_FACES}..{MAX_FACES} triangles, got {count}; "
             "export the whole scan, or decimate it"
         )
-    places = np.asarray(mesh.vertices)
+    places, faces = np.asarray(mesh.vertices), np.asarray(mesh.faces)
+    if faces.shape[1:] != (3,) or places.shape[1:] != (3,):
+        raise InputError(f"{path}: expected triangles, got other shapes; export it again")
+    if faces.min() < 0 or faces.max() >= len(places):
+        raise InputError(
+            f"{path}: expected triangles of its {len(places)} vertices, got the numbers "
+            f"{faces.min()}..{faces.max()}; export it again"
+        )
     if not np.isfinite(places).all() or np.abs(places).max() > LARGEST or not mesh.area > 0:
         raise InputError(f"{path}: expected finite places of vertices, got others; export it again")
     return mesh

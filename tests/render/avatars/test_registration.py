@@ -134,6 +134,14 @@ HUGE = {"accessors": [{"count": 10**12, "componentType": 5126, "type": "VEC3"}]}
 PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999\nproperty float x\n"
 
 
+def ascii_ply(face: bytes, last: bytes) -> bytes:
+    return (
+        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        b"property float z\nelement face 501\nproperty list uchar int vertex_indices\nend_header\n"
+        b"0 0 0\n1 0 0\n0 1 0\n" + face * 500 + last
+    )
+
+
 @pytest.mark.parametrize(
     ("name", "data", "words"),
     [
@@ -142,6 +150,8 @@ PLY = b"ply\nformat binary_little_endian 1.0\nelement vertex 999999999\nproperty
         ("a.ply", PLY + b"end_header\n", "counts beyond its size"),
         ("a.ply", b"ply\nformat ascii 1.0\nend_header\n", "expected a mesh"),
         ("a.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "triangles, got 1"),
+        ("a.ply", ascii_ply(b"3 0 1 2\n", b"3 0 1 9\n"), "triangles of its 3 vertices"),
+        ("a.obj", b"v 0\nv 1\nv 0\n" + b"f 1 2 3\n" * 500, "got other shapes"),
         ("a.stl", b"solid x", "expected a mesh"),
         ("a.fbx", b"x", "expected .obj, .ply, .glb, .stl"),
     ],
