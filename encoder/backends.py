@@ -68,7 +68,11 @@ class Backend(Protocol[State]):
         state: State,
         emotion: Floats | None = None,  # [width] of Emotions.step; None: nothing
     ) -> tuple[Floats, State]:
-        """-> standardised code [256]."""
+        """-> standardised code [256].
+
+        The denoiser's `step` (denoiser/live.py) with the state of the whole stream: written out in
+        both, because type checkers compare a protocol with what keeps it argument by argument.
+        """
         ...
 
 

@@ -132,6 +132,7 @@ def light_vertices(
 
 
 STUDIO = Lighting()
+# A table: each row names all six lights, so that a look can be read, and changed, by itself.
 LIGHTINGS = {
     "studio": STUDIO,
     "soft": Lighting(

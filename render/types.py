@@ -16,7 +16,7 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Ints = NDArray[np.int32]
 Shorts = NDArray[np.uint16]
-U32 = NDArray[np.uint32]
+U32, U64 = NDArray[np.uint32], NDArray[np.uint64]
 
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)  # gaze of both eyes
 Density = Literal["16k", "32k", "65k"]  # Gaussians on a head, without its hair

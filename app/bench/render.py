@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from render.types import Camera, Gaussians, Renderer
 
 CASES = ((16_384, 512), (32_768, 512), (65_536, 512), (65_536, 1024))  # Gaussians, px
-THRESHOLDS_MS = {(32_768, 512): 10.0, (65_536, 512): 16.0, (65_536, 1024): 34.0}
+THRESHOLDS_MS = {(32_768, 512): 10.0, (65_536, 512): 12.0, (65_536, 1024): 22.0}
 ROUNDS = 20
 MIN_PSNR_DB = 58.0
 ANGLES = ((0, 0), (30, 0), (-30, 0), (15, 12), (-15, -12))  # yaw, pitch of the cameras, degrees

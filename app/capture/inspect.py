@@ -176,22 +176,10 @@ def _sheet(
 
 def _film(clip: "Clip", faces: _ClipRenderer, path: Path) -> None:
     """The clip as a video with its sound."""
-    import av
     from tqdm import tqdm
 
+    from app.sinks.video import film
     from encoder.capture.dataset import PACK_RATE
 
-    film: Any = av.open(str(files.create(path)), "w")
-    with film as container:
-        picture: Any = container.add_stream("libx264", rate=FPS, options={"crf": "20"})
-        picture.width = picture.height = FACE_PX
-        picture.pix_fmt = "yuv420p"
-        sound: Any = container.add_stream("aac", rate=PACK_RATE, layout="mono")
-        for t in tqdm(range(clip.num_frames), unit="frame", desc="film"):
-            frame = av.VideoFrame.from_ndarray(faces.draw(clip, t), format="rgb24")
-            container.mux(picture.encode(frame))
-        container.mux(picture.encode(None))
-        chunk = av.AudioFrame.from_ndarray(np.asarray(clip.audio)[None], "s16", "mono")
-        chunk.sample_rate = PACK_RATE
-        container.mux(sound.encode(chunk))
-        container.mux(sound.encode(None))
+    frames = tqdm(range(clip.num_frames), unit="frame", desc="film")
+    film(path, (faces.draw(clip, t) for t in frames), np.asarray(clip.audio), PACK_RATE)

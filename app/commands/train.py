@@ -25,8 +25,8 @@ class Train:
     """Sizes and steps: debug (seconds), default (what ships) or paper."""
     variant: Variant = "none"
     """An ablation of the paper, kept in a folder of its own under --data: a student with nothing
-    left out (`plain`), a `centred` audio
-    encoder, an `offline` teacher with full attention, regression with a `lookahead` of 5 frames,
+    left out (`plain`), a `centred` audio encoder, which hears ahead, and a `causal` one trained
+    as long, an `offline` teacher with full attention, regression with a `lookahead` of 5 frames,
     a loss left out (`no-...`), jitter not normalised (`plain-jitter`), or, for emotion, all
     weights trained instead of the added layer (`fine-tune`, `fine-tune-lip` with L_lip)."""
     name: Annotated[Baseline | None, optional("talkshow|audio2photoreal|diffposetalk")] = None

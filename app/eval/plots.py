@@ -39,6 +39,38 @@ def curves_of(cards: Sequence[Path]) -> dict[str, dict[str, list[float]]]:
     return found
 
 
+def save_ratios(
+    path: Path, title: str, rows: Sequence[str], panels: Mapping[str, Sequence[Sequence[float]]]
+) -> Path:
+    """Write a figure of ratios to `path` and return it.
+
+    panels: title -> for each row its value in each kind of clip, over that of the first row: dots,
+    and their mean as a line.
+    """
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure: Any
+    axes: Any
+    figure, axes = pyplot.subplots(
+        1, len(panels), figsize=(4 * len(panels), 4), squeeze=False, constrained_layout=True
+    )
+    for panel, (name, values) in zip(axes.flat, panels.items(), strict=True):
+        for index, kinds in enumerate(values):
+            panel.plot([index] * len(kinds), kinds, ".", color="gray")
+            panel.plot(index, np.mean(kinds), "_", color=f"C{index}", markersize=40, mew=3)
+        panel.axhline(1, color="gray", linestyle="--", linewidth=0.8)
+        panel.set(title=name, xlim=(-0.6, len(values) - 0.4))
+        panel.set_xticks(range(len(rows)), rows, rotation=20, ha="right")
+    figure.suptitle(title)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(files.create(path), dpi=120)
+    pyplot.close("all")
+    return path
+
+
 def save(
     folder: Path, shifts: Mapping[str, list[float]], curves: Mapping[str, dict[str, list[float]]]
 ) -> list[Path]:

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 
+from app.eval.settings import ReportSettings
 from app.terminal.arguments import File
 from sensors import files
 
 
 @dataclass(frozen=True, kw_only=True)
-class PriorSettings:
+class PriorSettings(ReportSettings):
     """Evaluate decoder and identity encoder on held-out people, expressions and views."""
 
     face: Path = Path("face")
@@ -26,12 +27,8 @@ class PriorSettings:
     """Held-out people."""
     expressions: int = 3
     """Expressions of each person, each from one view."""
-    seed: int = 0
-    """Seed of whatever is drawn at random."""
     picture: File = None
     """PNG to write: truth, Gaussians and four times the difference."""
-    report: File = None
-    """Write the metrics as JSON."""
 
 
 def evaluate(settings: PriorSettings) -> None:

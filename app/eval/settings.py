@@ -1,4 +1,4 @@
-"""Options shared by all evaluations of a driven head."""
+"""Options that evaluations share."""
 
 from dataclasses import dataclass
 
@@ -6,10 +6,16 @@ from app.terminal.arguments import File
 
 
 @dataclass(frozen=True, kw_only=True)
-class EvalSettings:
-    avatar: str = "ben"
-    """Avatar on which to measure."""
+class ReportSettings:
     seed: int = 0
     """Seed of whatever is drawn at random."""
     report: File = None
     """Write the metrics as JSON."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvalSettings(ReportSettings):
+    """Of all evaluations of a driven head."""
+
+    avatar: str = "ben"
+    """Avatar on which to measure."""

@@ -73,8 +73,13 @@ class VideoSink:
         self._container.close()
 
 
-def film(path: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
-    """Pictures [H, W, 4] of one size, without sound, at FPS."""
+def film(
+    path: Path,
+    pictures: Iterable[NDArray[np.uint8]],
+    sound: NDArray[np.int16] | None = None,
+    sample_rate: int = SAMPLE_RATE,
+) -> None:
+    """Pictures [H, W, 3 or 4] of one size, at FPS, and their sound [n], if they have one."""
     import av
 
     if path.suffix.lower() not in CONTAINERS:
@@ -82,13 +87,21 @@ def film(path: Path, pictures: Iterable[NDArray[np.uint8]]) -> None:
         raise InputError(f"video: expected a name ending in {known}, got {path.name!r}; try .mp4")
     opened: Any = av.open(str(files.create(path)), "w")
     with opened as container:
-        stream = None
+        stream = voice = None
         for picture in pictures:
             if stream is None:
                 stream = container.add_stream("libx264", rate=FPS)
                 stream.height, stream.width = picture.shape[:2]
                 stream.pix_fmt = "yuv420p"
                 stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgba")))
+                if sound is not None:
+                    voice = container.add_stream("aac", rate=sample_rate, layout="mono")
+            layout = "rgba" if picture.shape[2] == 4 else "rgb24"
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
         if stream is not None:
             container.mux(stream.encode(None))
+        if voice is not None and sound is not None:
+            chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
+            chunk.sample_rate = sample_rate
+            container.mux(voice.encode(chunk))
+            container.mux(voice.encode(None))

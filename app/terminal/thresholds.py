@@ -28,13 +28,18 @@ def print_metrics(metrics: Mapping[str, float], missing: Iterable[str]) -> None:
         print(f"not trained, row left out: {name}")
 
 
+def write(report: dict[str, Any], path: Path | None) -> None:
+    """Write the report to `path`, where there is one."""
+    if path:
+        files.write_text(path, json.dumps(report, indent=2) + "\n")
+
+
 def finish(report: dict[str, Any], path: Path | None) -> None:
     """Write the report to `path`, where there is one, and print its thresholds as a table; exit
     with status 1 where one is missed."""
     from app.terminal.console import console, numbers
 
-    if path:
-        files.write_text(path, json.dumps(report, indent=2) + "\n")
+    write(report, path)
     table = numbers("metric", "value", "threshold", "")
     for row in report["bars"]:
         table.add_row(

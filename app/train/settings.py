@@ -9,8 +9,8 @@ Stage = Literal[
     "wide-eyes", "multimodal", "emotion", "peers",
 ]  # fmt: skip
 Variant = Literal[
-    "none", "plain", "centred", "offline", "lookahead", "no-velocity", "no-jitter", "plain-jitter",
-    "no-dmd",
+    "none", "plain", "centred", "causal", "offline", "lookahead",
+    "no-velocity", "no-jitter", "plain-jitter", "no-dmd",
     "fine-tune", "fine-tune-lip", "no-lip",
 ]  # fmt: skip
 Preset = Literal["debug", "default", "paper"]

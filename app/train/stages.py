@@ -13,8 +13,10 @@ if TYPE_CHECKING:
 # variant: overrides of each stage that it changes
 VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "none": {},
-    "plain": {"distill": {}},  # nothing left out, kept under --data beside the ablations
+    # nothing left out, kept under --data beside the ablations
+    "plain": {"distill": {}, "emotion": {}},
     "centred": {"audio": {"centred": True}, "diffusion": {}, "distill": {}, "regression": {}},
+    "causal": {"audio": {}, "diffusion": {}, "distill": {}},  # `centred` is compared with it
     "offline": {"diffusion": {}},
     "no-velocity": {"diffusion": {"velocity_weight": 0.0}, "distill": {"velocity_weight": 0.0}},
     "no-jitter": {"diffusion": {"jitter_weight": 0.0}, "distill": {"jitter_weight": 0.0}},
@@ -28,6 +30,7 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "fine-tune-lip": {"emotion": {"fine_tune": True, "rate": 5e-4}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
+OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own
 LEAVING_OUT = ("diffusion", "distill", "listen", "contact")
 
 
@@ -199,7 +202,7 @@ def _weights(settings: TrainSettings) -> Path:
 
 def _audio(settings: TrainSettings, folder: Path) -> Path:
     """Checkpoint of the audio encoder."""
-    return (folder if settings.variant == "centred" else _weights(settings)) / "audio"
+    return (folder if settings.variant in OWN_AUDIO else _weights(settings)) / "audio"
 
 
 def _streams(settings: TrainSettings, folder: Path) -> Path:
@@ -210,7 +213,7 @@ def _streams(settings: TrainSettings, folder: Path) -> Path:
     config = streams.StreamConfig(
         pack=settings.data,
         audio=_audio(settings, folder),
-        output=(folder if settings.variant == "centred" else settings.data) / "streams.npz",
+        output=(folder if settings.variant in OWN_AUDIO else settings.data) / "streams.npz",
         minutes=settings.stream_minutes or streams.StreamConfig.minutes,
         seed=settings.seed,
     )
@@ -222,9 +225,12 @@ def _streams(settings: TrainSettings, folder: Path) -> Path:
 
 
 def _words(settings: TrainSettings) -> str:
-    variant = f" --variant {settings.variant}" if settings.variant != "none" else ""
-    name = f" --name {settings.name}" if settings.name else ""
-    return f"livedrive train {settings.stage}{name} --preset {settings.preset}{variant}"
+    words = f"livedrive train {settings.stage} --preset {settings.preset}"
+    usual = TrainSettings(stage=settings.stage)
+    for option in ("name", "variant", "steps", "stream_minutes", "precision", "seed"):
+        if getattr(settings, option) != getattr(usual, option):
+            words += f" --{option.replace('_', '-')} {getattr(settings, option)}"
+    return words
 
 
 def _commit() -> str:

@@ -45,7 +45,6 @@ class WindowSink:
         """Starts to open the window; `on_start` waits for it."""
         self._info, self._clock, self._stage_ms, self._tape = info, clock, stage_ms, tape
         self._memory = SharedMemory()
-        self._memory.clear()
         self._memory.controls["avatar"] = info.avatars.index(info.avatar)
         name, _, intensity = info.emotion.partition(":")
         if name in info.emotions:
@@ -73,7 +72,7 @@ class WindowSink:
         sensors, driven = result.sensors, result.driven
         sound = np.nan_to_num(sensors.audio)
         empty = sensors.eyes is None
-        self._memory.post(
+        self._memory.ticks.post(
             index=driven.index,
             t_ns=driven.t_ns,
             posted_ns=self._clock.now_ns(),

@@ -125,7 +125,7 @@ class Window:
         if state.recording and not state.controls["recording"]:  # the loop took it back
             state.recording = False
             state.say("The recording has stopped: the disk is full, too slow or read-only")
-        ticks = self._memory.ticks_after(self._number)
+        ticks = self._memory.ticks.after(self._number)
         for tick in ticks:
             state.history.add(tick)
             moments = int(tick["t_ns"]), int(tick["posted_ns"])

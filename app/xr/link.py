@@ -2,17 +2,16 @@
 
     loop -> XrSink -> ticks -> headset's process -> poses -> HeadsetLink -> loop
 
-Nobody ever waits: a writer overwrites its oldest record, a reader takes what it finds. A record is
-marked unready while it is written, so that a reader never sees half of one.
+Nobody ever waits (see app.process.ring).
 """
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.process import memory
+from app.process.ring import Ring
 from render.types import Density
 from sensors.types import FACE_DIM
 
@@ -64,7 +63,7 @@ TICKS, POSES = 16, 64
 
 @dataclass(frozen=True)
 class XrInfo:
-    """What the headset's process must know; crosses as JSON."""
+    """What the headset's process must know; sent to it as JSON."""
 
     mode: Mode
     avatar: str
@@ -73,33 +72,6 @@ class XrInfo:
     seats: str | None = None  # handle of a call's seats: partners are drawn too
     standin: str | None = None  # a file: while it is there, so is a runtime for tests
     standin_px: tuple[int, int] = (64, 64)  # an eye's picture of that one
-
-
-class Ring:
-    """Records of one writer; the field `number` says which are whole."""
-
-    def __init__(self, records: NDArray[Any]) -> None:
-        self._records, self._posted = records, int(records["number"].max()) + 1
-
-    def post(self, **fields: object) -> None:
-        """Write the next record over the oldest one."""
-        slot = self._records[self._posted % len(self._records)]
-        slot["number"] = -1
-        for name, value in fields.items():
-            slot[name] = value
-        slot["number"] = self._posted
-        self._posted += 1
-
-    def after(self, number: int) -> list[np.void]:
-        """Copies of the records after record `number` that are still here, oldest first."""
-        numbers = self._records["number"].copy()
-        found: list[np.void] = []
-        for wanted in np.sort(numbers[numbers > number]):
-            slot = self._records[wanted % len(self._records)]
-            copy: Any = slot.copy()
-            if copy["number"] == wanted == slot["number"]:
-                found.append(copy)
-        return found
 
 
 class XrMemory:

@@ -15,7 +15,7 @@ from app.process import child
 from app.xr.link import XrInfo, XrMemory
 from sensors.types import NS, Clock, InputError
 
-START_S, END_S = 60, 3  # patience with a headset that opens, or closes
+START_S, END_S = 60, 3  # time that a headset has to open, and to close
 RESTART_S = 0.5
 
 

@@ -1,1 +1,1 @@
-"""One flat script a training stage: audio, diffusion, distill."""
+"""Training of the encoder's networks: loop, losses, data streams, and a script a stage."""

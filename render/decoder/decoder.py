@@ -17,7 +17,7 @@ from render.decoder import highlights, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
 from render.decoder.identity import Identity
 from render.decoder.identity_cache import EMPTY, IdentityCache, static_cloud
-from render.decoder.kernels import surface as kernels
+from render.decoder.kernels import light as kernels
 from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
@@ -214,10 +214,9 @@ class Decoder:
             biases = self.light.nested(identity.biases)
             used = identity.geometry[self.surface.used]
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
-            rest = self.surface.at_rest(identity.geometry, identity.visibility, self.lighting)
-            one, other = rest.still
+            rest = self.surface.at_rest(identity.geometry)
             rims = self.surface.interpolate @ identity.visibility[2:].T
-            gloss = (self.shares @ identity.gloss)[:, None]
+            gloss = self.shares @ identity.gloss
             stretch = self.surface.interpolate @ bones.stretch(used)
             stretched = np.flatnonzero(stretch).astype(np.int32)
             cache = IdentityCache(
@@ -225,14 +224,15 @@ class Decoder:
                 light=self.light(neutral, biases),
                 rest=rest,
                 reflected=(self.shares @ identity.albedo) ** 2,
-                gloss=np.concatenate([gloss, gloss * rims], 1),
+                gloss=gloss,
+                rims=gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
                 strands=identity.hair.lit(self.lighting),
                 beard=identity.beard.lit(identity.geometry, self.lighting),
                 cloud=EMPTY,
                 neck=bones,
                 skin=bones.share(identity.geometry),
-                still=(bones.share(used[one.rows]), bones.share(used[other.rows])),
+                still=bones.share(used),
                 stretch=(stretched, stretch[stretched]),
                 hair=bones.share(identity.hair.means),
                 eye_sizes=highlights.eye_sizes(

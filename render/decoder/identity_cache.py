@@ -19,14 +19,15 @@ class IdentityCache(NamedTuple):
     light: Floats  # [texels, 2] of the light decoder at rest
     rest: RestSurface
     reflected: Floats  # [N, 3] linear albedo
-    gloss: Floats  # [N, 3] weight of mirrored light; the same times the shares of both rims
+    gloss: Floats  # [N] weight of mirrored light
+    rims: Floats  # [N, 2] the same times the shares of both rims
     opacities: Floats  # [N]
     strands: Gaussians  # hair at rest
     beard: Floats  # [B, 3] stored colours
     cloud: Gaussians  # what `decode` with `reuse` fills
     neck: Neck
     skin: Share  # of the mesh
-    still: tuple[Share, Share]  # of rest.still
+    still: Share  # of rest.normals
     stretch: tuple[Ints, Floats]  # which Gaussians the neck stretches, and how far, a rad
     hair: Share
     eye_sizes: Floats  # [2]
@@ -46,6 +47,7 @@ def static_cloud(
     cloud = Gaussians(*arrays, shine=shine)
     highlights, strands = slice(count, count + 2), slice(total - len(beard), total)
     cloud.opacities[:count] = cache.opacities
+    shine.weights[:, 2:] = cache.rims
     cloud.quats[highlights], cloud.scales[highlights] = (1, 0, 0, 0), HIGHLIGHT_MM
     cloud.colors[highlights] = 1
     for name in FIELDS:

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 
 from render.decoder.kernels import neck as kernels
-from render.lighting import Lighting
 from render.types import Doubles, Floats, Ints
 from sensors import rotation
 from sensors.rotation import REST, Vector
@@ -55,18 +54,10 @@ class Share(NamedTuple):
     along: Floats  # [n] how far they go with it, 0..1
 
 
-class StillPart(NamedTuple):
-    """Vertices that the neck, teeth and scalp keep when the face moves."""
-
-    rows: Ints  # [n] of `used`
-    normals: Floats  # [n, 3] unit
-    parts: Floats  # [n, 12] see Lighting.parts
-
-
 class RestSurface(NamedTuple):
     """What follows from a person at rest."""
 
-    still: tuple[StillPart, StillPart]  # what light reaches, and the rest of what is not live
+    normals: Floats  # [U, 3] unit
     sums: Floats  # [L] twice the area around each live vertex
     widths: Floats  # [N] mm, at rest on the mean face where they follow a triangle
 
@@ -75,28 +66,15 @@ class TurnedHead(NamedTuple):
     """A head that is not at rest, for the skin."""
 
     bent: Bent
-    still: tuple[Share, Share]  # of RestSurface.still
+    share: Share  # of RestSurface.normals
     stretch: tuple[Ints, Floats]  # of which of the skin's Gaussians, a rad
 
-    def surface(self, rest: RestSurface, lights: Lighting) -> RestSurface:
-        """What rests, as head and neck turn and stretch it, seen from the head."""
-        (lit, dark), (share, other) = rest.still, self.still
-        normals = self._bend(lit.normals, share)
-        still = (
-            StillPart(lit.rows, normals, lights.parts(normals, turn=self.bent.head[:, :3])),
-            dark._replace(normals=self._bend(dark.normals, other)),
-        )
-        return RestSurface(still, rest.sums, self._stretched(rest.widths))
-
-    def _bend(self, normals: Floats, share: Share) -> Floats:  # [n, 3] at rest
-        bent = normals.copy()
-        kernels.turn_normals(*share, self.bent.from_head, normals, bent)
-        return bent
-
-    def _stretched(self, widths: Floats) -> Floats:  # [N] mm
-        widths = widths.copy()
+    def surface(self, rest: RestSurface) -> RestSurface:
+        """What rests, as the neck turns and stretches it, seen from the head."""
+        normals, widths = rest.normals.copy(), rest.widths.copy()
+        kernels.turn_normals(*self.share, self.bent.from_head, rest.normals, normals)
         kernels.widen(*self.stretch, np.float32(self.bent.angle), widths)
-        return widths
+        return RestSurface(normals, rest.sums, widths)
 
 
 @dataclass(frozen=True)

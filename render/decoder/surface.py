@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from render import lighting
+from render.decoder.kernels import light as light_kernels
 from render.decoder.kernels import surface as kernels
-from render.decoder.neck import RestSurface, StillPart, TurnedHead
+from render.decoder.neck import RestSurface, TurnedHead
 from render.lighting import STUDIO, Lighting
 from render.types import Floats, Ints, Shorts
 
@@ -25,7 +26,6 @@ FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a do
 # Shares of the area at rest; beyond them the colour stays.
 FLUSHES = (np.float32(0.6), np.float32(1.35))
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
-DARK = 0.02  # share of the light: what sees less at rest, as teeth, keeps its light in a turn
 AT_REST = np.eye(3, 4, dtype=np.float32)
 LIGHT = slice(6, 11)  # of what a vertex carries: linear light, shares of key light and sky
 STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
@@ -42,12 +42,16 @@ class Triangles:
     def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
         """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
         triangle [F + 1], mm^2; the last is 1, for what never stretches."""
-        normals = np.empty((self.count, 3), np.float32)
+        normals, totals, areas = np.empty((self.count, 3), np.float32), *self.around(vertices)
+        kernels.normalise(totals, np.arange(self.count, dtype=np.int32), normals)
+        return normals, totals[:-1, 3], areas
+
+    def around(self, vertices: Floats) -> tuple[Floats, Floats]:
+        """[V, 3] mm -> [n + 1, 4], [F + 1]: see kernels.around_vertices."""
         totals = np.empty((self.count + 1, 4), np.float32)
         areas = np.empty(len(self.corners) + 1, np.float32)
         kernels.around_vertices(vertices, self.corners, self.rows, totals, areas)
-        kernels.normalise(totals, normals)
-        return normals, totals[:-1, 3], areas
+        return totals, areas
 
 
 class SkinGaussians(NamedTuple):
@@ -76,23 +80,12 @@ class Surface:
     blood: Floats  # [L] 1 where the skin changes colour as it stretches, else 0
     depths: Floats  # [N] mm under the skin
 
-    def at_rest(
-        self,
-        vertices: Floats,  # [V, 3] mm of the face at rest
-        visibility: Floats,  # [4, U]
-        lights: Lighting = STUDIO,
-    ) -> RestSurface:
-        """Prepare a person."""
+    def at_rest(self, vertices: Floats) -> RestSurface:  # [V, 3] mm
+        """Prepare a person from the face at rest."""
         normals, _, areas = self.whole.normals(vertices)
         widths = self.scales * stretch(areas.take(self.triangle), self.rest_areas)
-        static = np.setdiff1d(np.arange(len(self.used), dtype=np.int32), self.live)
-        lit = visibility[:, static].max(0) > DARK
-        one, other = (
-            StillPart(rows, normals[rows], lights.parts(normals[rows]))
-            for rows in (static[lit], static[~lit])
-        )
         return RestSurface(
-            (one, other),
+            normals,
             self.face.normals(vertices)[1],
             np.where(self.live_triangle < 0, widths, self.scales),
         )
@@ -103,19 +96,19 @@ class Surface:
         visibility: Floats,  # [4, U] shares of the sky, of the key light and the rims
         rest: RestSurface,
         reflected: Floats,  # [N, 3] linear albedo
-        gloss: Floats,  # [N, 3] weight of mirrored light; the same times the shares of both rims
-        out: SkinGaussians,  # filled
+        gloss: Floats,  # [N] weight of mirrored light
+        out: SkinGaussians,  # filled, but for the shine of the rims
         lights: Lighting = STUDIO,
         turned: TurnedHead | None = None,
     ) -> None:
         """The anchored Gaussians of a posed face; `turned`: how it is turned from where the
         vertices are, and how the skin of the neck is bent and stretched."""
         if turned:
-            rest = turned.surface(rest, lights)
+            rest = turned.surface(rest)
         attributes, areas = self.vertex_attributes(vertices, visibility, rest, lights, turned)
         rows, weights, triangles, rest_areas = self.anchors
         kernels.skin_gaussians(
-            *(attributes, rows, weights, areas, triangles, rest_areas, rest.widths),
+            *(attributes, rows, weights, areas, rest_areas, triangles, rest.widths),
             *(reflected, gloss, self.depths),
             *(lighting.FILM, *STRETCH, FLATNESS, BEHIND, *out),
         )
@@ -128,17 +121,20 @@ class Surface:
         lights: Lighting = STUDIO,
         turned: TurnedHead | None = None,
     ) -> tuple[Floats, Floats]:
-        """What `kernels.skin_gaussians` interpolates from each used vertex [U, 11] (the light on a
-        white surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
-        normals, sums, areas = self.face.normals(vertices)
-        move = turned.bent.head if turned else AT_REST
-        parts = lights.parts(normals, self.flush(sums, rest.sums), move[:, :3] if turned else None)
-        out = np.empty((len(self.used), 11), np.float32)
-        for rows, shown, lit in (StillPart(self.live, normals, parts), *rest.still):
-            kernels.vertex_attributes(
-                *(vertices, self.used, rows, shown, lit, visibility),
-                *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
-            )
+        """What `kernels.skin_gaussians` interpolates from each used vertex (the light on a white
+        surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
+        totals, areas = self.face.around(vertices)
+        normals = rest.normals.copy()
+        kernels.normalise(totals, self.live, normals)
+        move, towards = AT_REST, lighting.TOWARDS_AND_UP
+        if turned:
+            move, towards = turned.bent.head, towards @ turned.bent.head[:, :3]
+        out = np.empty((len(self.used), kernels.CARRIED), np.float32)
+        light_kernels.vertex_attributes(
+            *(vertices, self.used, normals, visibility, towards, *lights.terms),
+            *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
+        )
+        light_kernels.gain_light(self.live, self.flush(totals[:-1, 3], rest.sums), out)
         return out, areas
 
     def take(self, rows: NDArray[np.intp]) -> "Surface":
@@ -156,17 +152,20 @@ class Surface:
     @cached_property
     def anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
         """Rows of `used` around the anchors [N, 3] and their shares [N, 3]; the triangles of
-        `face` that their widths follow [N] and these areas at rest [N]: 1 for what is still."""
+        `face` that their widths follow [N], or the one after the last; the areas of these at rest
+        on the mean face [F + 1] mm^2, 1 for the last."""
         rows = self.interpolate.indices.reshape(-1, 3).astype(np.uint16)
         weights = self.interpolate.data.reshape(-1, 3).astype(np.float32)
         follows = self.live_triangle >= 0
         triangles = np.where(follows, self.live_triangle, len(self.face.corners)).astype(np.uint16)
-        return rows, weights, triangles, np.where(follows, self.rest_areas, np.float32(1))
+        areas = np.ones(len(self.face.corners) + 1, np.float32)
+        areas[self.live_triangle[follows]] = self.rest_areas[follows]
+        return rows, weights, triangles, areas
 
     def flush(self, sums: Floats, rest_sums: Floats) -> Floats:  # [L], [L] -> [L, 3]
         """Gain of linear light: stretched skin pales, pressed skin darkens and reddens."""
         gains = np.empty((len(sums), 3), np.float32)
-        kernels.flush(sums, rest_sums, self.blood, FLUSH, *FLUSHES, gains)
+        light_kernels.flush(sums, rest_sums, self.blood, FLUSH, *FLUSHES, gains)
         return gains
 
 

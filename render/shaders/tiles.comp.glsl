@@ -5,7 +5,7 @@ layout(local_size_x = 8) in;
 
 layout(std430, binding = 0) readonly buffer Splats { uvec4 splats[]; };
 layout(std430, binding = 1) readonly buffer Pairs { uint pairs[]; };     // tile after tile, nearest first
-layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };   // tile -> first pair
+layout(std430, binding = 2) readonly buffer Starts { uint starts[]; };  // tile -> first pair; lists are one apart
 layout(std430, binding = 3) readonly buffer Tiles { uint tiles[]; };     // lane -> tile
 layout(std430, binding = 4) writeonly buffer Needs { uint needs[]; };  // tile -> pairs it looked at
 layout(std430, binding = 5) writeonly buffer Pixels { uint pixels[]; };  // RGBA8, top row first
@@ -104,7 +104,7 @@ void main() {
 #define CLEAR(x) for (int row = 0; row < 8; row++) acc[x + row] = vec4(0.0, 0.0, 0.0, 1.0);
     EIGHT(CLEAR)
 
-    uint end = starts[tile + 1u];
+    uint end = starts[tile + 1u] - 1u;
     bool hidden = false;
     uint looked = 0xffffffffu;
     for (uint i = starts[tile]; i < end; i += 2u) {

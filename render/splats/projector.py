@@ -3,7 +3,6 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from render.splats import projection_kernels as kernels
 from render.splats import reach_kernels
@@ -11,6 +10,7 @@ from render.splats.depth_order import DepthOrder
 from render.splats.projection_kernels import MAX_ALPHA, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
 from render.splats.shine import colors_from
+from render.splats.tile_pairs import Reaches
 from render.types import FIELDS, U32, Camera, Floats, Gaussians
 
 TRANSPARENT = np.float32(1e-6)
@@ -38,13 +38,14 @@ class Projector:
             np.ascontiguousarray(getattr(seen, name), np.float32).reshape(-1) for name in FIELDS
         )
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
-        x, y, slope_x, slope_y, var_x, var_y, cov, p, q, r, half_y, faded = self._work
+        x, y, p, q, r, log2_opacity, half_y = self._ellipses
+        slope_x, slope_y, var_x, var_y, cov, faded = self._work
         boxes, depths = self.boxes.reshape(-1), self._depths
         across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
 
         kernels.project_means(means, view, lens, x, y, depths, slope_x, slope_y)
         kernels.fade(opacities, scales, lens[0], depths, faded)
-        log2_opacity = np.log2(np.clip(faded, TRANSPARENT, MAX_ALPHA))
+        np.log2(np.clip(faded, TRANSPARENT, MAX_ALPHA), out=log2_opacity)
         kernels.project_covariances(
             *(quats, scales, view, lens, depths, slope_x, slope_y), *(var_x, var_y, cov)
         )
@@ -53,27 +54,37 @@ class Projector:
         bits_p, bits_q, bits_r = (factor.view(np.int32) for factor in (p, q, r))
         splats = self.splats.reshape(-1)
         kernels.pack(x, y, bits_p, bits_q, bits_r, log2_opacity, colors, splats)
-        self._log2_opacity, near = log2_opacity, np.float32(camera.near_mm)
+        self._across, near = int(across), np.float32(camera.near_mm)
         kernels.cull(means, quats, scales, opacities, faded, colors, boxes, near, depths)
         return self._order.of(depths)
 
-    def reached_tiles(self) -> NDArray[np.uint8]:  # [N, 8]
-        """Of the last run, by rows of a splat's box: tiles left out << 4 | reached, or WHOLE."""
-        x, y, _, _, _, _, _, p, q, r, half_y, _ = self._work
-        reach_kernels.reached_tiles(
-            *(x, y, p, q, r, self._log2_opacity, half_y),
-            *(self.boxes.reshape(-1), self._first_rows, self._rows),
-        )
-        return self._rows.view(np.uint8).reshape(-1, 8)
+    def reached_tiles(self) -> Reaches:
+        """The tiles that the splats of the last run reach."""
+        boxes = self.boxes.reshape(-1)
+        _reach(self._ellipses, boxes, 0, self._rows)
+        reach_kernels.join_reaches(boxes, self._rows, self._across, self._reaches)
+        tall = np.flatnonzero(self._reaches >= reach_kernels.FURTHER)  # a few in a hundred
+        further = np.empty(len(tall), np.uint32)
+        boxes = self.boxes.take(tall, 0).reshape(-1)
+        _reach(self._ellipses.take(tall, 1), boxes, reach_kernels.ROWS, further)
+        self._further[tall] = further
+        return Reaches(self._reaches, self._further)
 
     def _reserve(self, count: int) -> None:
         self.splats = np.zeros((count, 4), np.uint32)  # packed, see shaders/splat.glsl
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
-        self._rows = np.zeros(count, np.uint64)
+        self._ellipses = np.zeros((7, count), np.float32)
+        self._work = np.zeros((6, count), np.float32)
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
-        self._work = np.zeros((12, count), np.float32)
-        self._first_rows = np.zeros(count, np.uint32)
-        self._log2_opacity = np.zeros(count, np.float32)
+        self._reaches = np.zeros(count, np.uint64)
+        self._rows, self._further = np.zeros((2, count), np.uint32)
+        self._across = 0  # tiles of the last picture
+
+
+def _reach(ellipses: Floats, boxes: U32, first_row: int, rows: U32) -> None:
+    x, y, p, q, r, log2_opacity, half_y = ellipses
+    first = np.float32(first_row)
+    reach_kernels.reached_rows(x, y, p, q, r, log2_opacity, half_y, boxes, first, rows)
 
 
 def lens_of(camera: Camera) -> Floats:  # [8]

@@ -3,20 +3,22 @@
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
 from render.splats.projection_kernels import FAINTEST, FAST, HALF, ONE, TILES_A_PX, ZERO
-from render.types import U32, Floats
+from render.types import U32, U64, Floats
 
-MOST_ACROSS, MOST_DOWN = 15, 8  # tiles of a box with rows
+# A reach: four rows of the box, a byte each (tiles left out << 4 | reached) | its first tile << 32,
+# and one of these where four rows are not enough.
+WHOLE = np.uint64(1 << 62)  # every tile of the box is reached; nothing else is said
+FURTHER = np.uint64(1 << 63)  # four more rows are kept beside it
+ROWS, MOST_ACROSS, MOST_DOWN = 4, 15, 8  # tiles of a box with rows
 SLACK = np.float32(0.02)  # px
 SIXTEEN = np.float32(16)
 TILE, TO_LAST_ROW = np.float32(8), np.float32(7)
-ALL = np.uint64(0xFFFFFFFFFFFFFFFF)
 
 
 @njit(**FAST)
-def reached_tiles(
+def reached_rows(
     x: Floats,  # [N]
     y: Floats,
     p: Floats,
@@ -24,11 +26,11 @@ def reached_tiles(
     r: Floats,
     log2_opacity: Floats,
     half_y: Floats,
-    boxes: U32,
-    first_rows: U32,  # -> [N] the same of four rows: nearly all splats have no more
-    rows: NDArray[np.uint64],  # -> [N] a byte for each row of the box: left out << 4 | reached
+    boxes: U32,  # [N * 2]
+    first_row: np.float32,  # of the box
+    rows: U32,  # -> [N] a byte for each of four rows: left out << 4 | reached
 ) -> None:
-    """Which tiles of each row the ellipse reaches; all bits are set where the box is too large."""
+    """Which tiles of four rows of its box each ellipse reaches."""
     for i in range(len(x)):
         x0, y0 = np.float32(boxes[2 * i] & 0xFFFF), np.float32(boxes[2 * i] >> 16)
         x1, y1 = np.float32(boxes[2 * i + 1] & 0xFFFF), np.float32(boxes[2 * i + 1] >> 16)
@@ -36,25 +38,27 @@ def reached_tiles(
         widest = q[i] * h / np.sqrt(q[i] * q[i] + r[i] * r[i])  # how far down it is leftmost
         width, spread = ONE / p[i], max(log2_opacity[i] + FAINTEST, ZERO)
         word = np.uint32(0)
-        for row in range(4):
-            at = y0 + np.float32(row)
+        for row in range(ROWS):
+            at = y0 + first_row + np.float32(row)
             bits = _row(at, x0, x1, y1, x[i], y[i], q[i], r[i], h, widest, width, spread)
             word |= np.uint32(bits) << np.uint32(8 * row)
-        first_rows[i] = word
-    for i in range(len(x)):
-        x0, y0 = np.float32(boxes[2 * i] & 0xFFFF), np.float32(boxes[2 * i] >> 16)
-        x1, y1 = np.float32(boxes[2 * i + 1] & 0xFFFF), np.float32(boxes[2 * i + 1] >> 16)
-        rows[i] = first_rows[i]
-        if x1 - x0 > MOST_ACROSS or y1 - y0 > MOST_DOWN:
-            rows[i] = ALL
-        elif y1 - y0 > 4:
-            h = half_y[i]
-            widest = q[i] * h / np.sqrt(q[i] * q[i] + r[i] * r[i])
-            width, spread = ONE / p[i], max(log2_opacity[i] + FAINTEST, ZERO)
-            for row in range(4, MOST_DOWN):
-                at = y0 + np.float32(row)
-                bits = _row(at, x0, x1, y1, x[i], y[i], q[i], r[i], h, widest, width, spread)
-                rows[i] |= np.uint64(bits) << np.uint64(8 * row)
+        rows[i] = word
+
+
+@njit(**FAST)
+def join_reaches(
+    boxes: U32,  # [N * 2]
+    rows: U32,  # [N] the first four
+    across: int,  # tiles of a picture
+    reaches: U64,  # -> [N]
+) -> None:
+    for i in range(len(rows)):
+        x0, y0 = np.int64(boxes[2 * i] & 0xFFFF), np.int64(boxes[2 * i] >> 16)
+        x1, y1 = np.int64(boxes[2 * i + 1] & 0xFFFF), np.int64(boxes[2 * i + 1] >> 16)
+        reach = np.uint64((y0 * across + x0) << 32) | np.uint64(rows[i])
+        reach |= FURTHER if y1 - y0 > ROWS else np.uint64(0)
+        large = (x1 - x0 > MOST_ACROSS) | (y1 - y0 > MOST_DOWN)
+        reaches[i] = WHOLE if large else reach
 
 
 @njit(**FAST)

@@ -5,7 +5,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-WHOLE = np.uint8(255)  # byte of a row: the splat reaches every tile of its box
+from render.splats.reach_kernels import FURTHER, ROWS, WHOLE
+from render.types import U32, U64
+
+BELOW = ROWS - 1  # rows of tiles below the picture that a count may touch
+TILE_BITS, FIRST_TILE = np.uint64(32), np.uint64((1 << 30) - 1)
+Word = int | np.unsignedinteger | np.bool_
+# Unsigned numbers need no test for Python's negative indices: a third less time.
+ZERO, ONE, TWO, THREE = np.uintp(0), np.uintp(1), np.uintp(2), np.uintp(3)
+LEFT_BITS, FIFTEEN, FOUR_ROWS = np.uint64(4), np.uint64(15), np.uint64((1 << 32) - 1)
 
 
 @njit(cache=True, nogil=True)
@@ -39,55 +47,88 @@ def nearest_first(
 
 @njit(cache=True, nogil=True)
 def count_tiles(
-    boxes: NDArray[np.uint32],  # [N, 2] tiles: x0 | y0 << 16, x1 | y1 << 16
-    rows: NDArray[np.uint8],  # [N, 8] left out << 4 | reached, or WHOLE
-    order: NDArray[np.uint32],  # [M] of the splats that are dealt
+    reaches: U64,  # [N] see reach_kernels.py
+    further: U32,  # [N]
+    boxes: U32,  # [N, 2] tiles: x0 | y0 << 16, x1 | y1 << 16
+    order: U32,  # [M] of the splats that are dealt
     across: int,
-    counts: NDArray[np.int32],  # -> [tiles + 1] splats that reach each tile; the last is 0
+    seen: U64,  # -> [M] reaches in this order: `fill_tiles` must not wait for them
+    counts: NDArray[np.int32],  # -> [tiles + BELOW rows + 1] splats of each tile, then zeros
 ) -> None:
     counts[:] = 0  # first the change from each tile to the next
     for m in range(len(order)):
         i = np.uintp(order[m])
-        x0, y0 = int(boxes[i, 0] & 0xFFFF), int(boxes[i, 0] >> 16)
-        x1, y1 = int(boxes[i, 1] & 0xFFFF), int(boxes[i, 1] >> 16)
-        whole = rows[i, 0] == WHOLE
-        for k in range(y1 - y0):
-            first, last = np.uintp((y0 + k) * across + x0), np.uintp((y0 + k) * across + x1)
-            if not whole:
-                first += np.uintp(rows[i, k] >> 4)
-                last = first + np.uintp(rows[i, k] & 15)
-            counts[first] += 1
-            counts[last] -= 1
+        reach = seen[m] = reaches[i]
+        tile = np.uintp(reach >> TILE_BITS & FIRST_TILE)
+        _count_rows(reach, tile, across, counts)
+        if reach >= FURTHER:
+            _count_rows(np.uint64(further[i]), tile + np.uintp(ROWS * across), across, counts)
+        elif reach == WHOLE:
+            x0, y0 = np.uintp(boxes[i, 0] & 0xFFFF), np.uintp(boxes[i, 0] >> 16)
+            x1, y1 = np.uintp(boxes[i, 1] & 0xFFFF), np.uintp(boxes[i, 1] >> 16)
+            for y in range(y0, y1):
+                counts[y * np.uintp(across) + x0] += 1
+                counts[y * np.uintp(across) + x1] -= 1
     for tile in range(1, len(counts)):
         counts[tile] += counts[tile - 1]
 
 
 @njit(cache=True, nogil=True)
+def _count_rows(reach: Word, tile: Word, across: int, counts: NDArray[np.int32]) -> None:
+    """All four rows, without a question: what reaches nothing adds 1 and takes it away again."""
+    for row in range(ROWS):
+        byte = reach >> np.uint64(8 * row)
+        first = tile + np.uintp(row * across) + np.uintp(byte >> LEFT_BITS & FIFTEEN)
+        counts[first] += 1
+        counts[first + np.uintp(byte & FIFTEEN)] -= 1
+
+
+@njit(cache=True, nogil=True)
 def fill_tiles(
-    boxes: NDArray[np.uint32],
-    rows: NDArray[np.uint8],
-    order: NDArray[np.uint32],  # [M] of the splats, nearest first
+    seen: U64,  # [M]
+    further: U32,
+    boxes: U32,
+    order: U32,  # [M] of the splats, nearest first
     across: int,
-    places: NDArray[np.uint32],  # [tiles] first place of each tile; moved to its end
-    splats: NDArray[np.uint32],  # -> [P] tile after tile
+    places: U32,  # [tiles + 2] first place of each tile; moved to its end
+    splats: U32,  # -> [P + tiles + 2] tile after tile, one place apart
 ) -> None:
-    # Unsigned numbers need no test for Python's negative indices: a third less time.
     for m in range(len(order)):
-        splat = order[m]
-        i = np.uintp(splat)
-        x0, y0 = int(boxes[i, 0] & 0xFFFF), int(boxes[i, 0] >> 16)
-        x1, y1 = int(boxes[i, 1] & 0xFFFF), int(boxes[i, 1] >> 16)
-        if rows[i, 0] == WHOLE:
+        splat, reach = order[m], seen[m]
+        tile = np.uintp(reach >> TILE_BITS & FIRST_TILE)
+        _fill_rows(splat, reach & FOUR_ROWS, tile, across, places, splats)
+        if reach >= FURTHER:
+            rows, below = np.uint64(further[np.uintp(splat)]), tile + np.uintp(ROWS * across)
+            _fill_rows(splat, rows, below, across, places, splats)
+        elif reach == WHOLE:
+            i = np.uintp(splat)
+            x0, y0 = np.uintp(boxes[i, 0] & 0xFFFF), np.uintp(boxes[i, 0] >> 16)
+            x1, y1 = np.uintp(boxes[i, 1] & 0xFFFF), np.uintp(boxes[i, 1] >> 16)
             for y in range(y0, y1):
-                for tile in range(np.uintp(y * across + x0), np.uintp(y * across + x1)):
-                    place = np.uintp(places[tile])
-                    splats[place] = splat
-                    places[tile] = place + 1
-        else:
-            for k in range(y1 - y0):
-                row = rows[i, k]
-                first = np.uintp((y0 + k) * across + x0 + int(row >> 4))
-                for tile in range(first, first + np.uintp(row & 15)):
-                    place = np.uintp(places[tile])
-                    splats[place] = splat
-                    places[tile] = place + 1
+                for at in range(y * np.uintp(across) + x0, y * np.uintp(across) + x1):
+                    _put(splat, at, True, places, splats)
+
+
+@njit(cache=True, nogil=True)
+def _fill_rows(splat: Word, rows: Word, tile: Word, across: int, places: U32, splats: U32) -> None:
+    """Nearly all rows reach one to three tiles: three are written, whether they are reached or not.
+
+    A processor guesses wrong too often where it has to branch for each.
+    """
+    while rows:
+        first, reached = tile + np.uintp(rows >> LEFT_BITS & FIFTEEN), np.uintp(rows & FIFTEEN)
+        _put(splat, first, reached > ZERO, places, splats)
+        _put(splat, first + ONE, reached > ONE, places, splats)
+        _put(splat, first + TWO, reached > TWO, places, splats)
+        for at in range(first + THREE, first + reached):
+            _put(splat, at, True, places, splats)
+        rows >>= np.uint64(8)
+        tile += np.uintp(across)
+
+
+@njit(cache=True, nogil=True)
+def _put(splat: Word, tile: Word, stays: Word, places: U32, splats: U32) -> None:
+    """At the next place of a tile; what does not stay is overwritten, or behind its list."""
+    place = np.uintp(places[tile])
+    splats[place] = splat
+    places[tile] = place + np.uintp(stays)

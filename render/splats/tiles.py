@@ -57,12 +57,12 @@ class TileRenderer:
         pairs = bin_splats(
             self._projector.boxes, order, (across, down), self._projector.reached_tiles()
         )
-        lanes = schedule_tiles(self._work(pairs.starts, camera))
+        lanes = schedule_tiles(self._work(pairs.counts, camera))
         self._splats.write(self._projector.splats)
         self._pairs.write(pairs.splats)
-        self._starts.write(np.append(pairs.starts, pairs.starts[-1:]))  # and those of no tile
+        self._starts.write(pairs.starts)
         self._tiles.write(lanes)
-        self._needs.reserve(4 * len(pairs.starts))
+        self._needs.reserve(pairs.starts.nbytes)
         self._pixels.reserve(self._picture.nbytes)
         lists = (self._pairs, self._starts, self._tiles, self._needs, self._pixels)
         for binding, buffer in enumerate((self._splats, *lists)):
@@ -86,15 +86,14 @@ class TileRenderer:
         self._context.check_errors("tiles")
         return self._picture
 
-    def _work(self, starts: U32, camera: Camera) -> U32:
+    def _work(self, counts: U32, camera: Camera) -> U32:
         """What each tile [tiles] costs, 0 for those that show the background and did before."""
-        work = np.diff(starts)
-        covered, background = work > 0, (camera.width, camera.height, camera.background)
+        covered, background = counts > 0, (camera.width, camera.height, camera.background)
         if background == self._background:  # the last picture tells where a list is cut short
-            work = np.minimum(work, self._needed) + np.uint32(1)
+            work = np.minimum(counts, self._needed) + np.uint32(1)
             work[~(covered | self._covered)] = 0
         else:
-            work += np.uint32(1)
+            work = counts + np.uint32(1)
             self._background, self._needed = background, np.empty_like(work)
             self._picture = np.empty((camera.height, camera.width, 4), np.uint8)
         self._covered = covered

@@ -146,7 +146,7 @@ def make(
             assembly, maker, albedo, worn.cap, recipe.tint, 0.97, under if hangs else None
         )
         grown = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
-        # Light gets between strands: in full shadow the skin under them would be a hole.
+        # Light gets between strands: skin in full shadow under them would look like a hole.
         cap = np.zeros(len(vertices), np.float32)
         cap[:SKIN_VERTICES] = worn.cap
         between = np.maximum(cap[maker.surface.used], 0.8 * under)

@@ -57,6 +57,7 @@ class ReadingGate:
         self._map = ClockMap()
         self._last: HeadPacket | None = None
         self._arrived_ns = 0  # arrival of the last pose that passed
+        self._sent_s: float | None = None  # its time by the sender's clock
         self._elsewhere: tuple[int, HeadPose] | None = None  # arrival of the first pose that jumped
         self._credit, self._credit_ns = float(BURST), 0
 
@@ -70,11 +71,11 @@ class ReadingGate:
             face = None if reading.face is None else check_face(reading.face)
         except (ValueError, OverflowError) as error:
             return self._drop("bad", "a finite position and a rotation", str(error))
-        if self._has_jumped(pose, arrival_ns):
+        if self._has_jumped(pose, reading.device_s, arrival_ns):
             return self._drop("jumps", "a head that moves", "one that jumps")
         t_ns = self._time(reading.device_s, arrival_ns)
         self._last = HeadPacket(t_ns, pose, reading.tracked, gaze, face)
-        self._arrived_ns = arrival_ns
+        self._arrived_ns, self._sent_s = arrival_ns, reading.device_s
         self.counts.poses += 1
         return self._last
 
@@ -87,10 +88,11 @@ class ReadingGate:
         self._credit -= 1
         return True
 
-    def _has_jumped(self, pose: HeadPose, arrival_ns: int) -> bool:
+    def _has_jumped(self, pose: HeadPose, device_s: float | None, arrival_ns: int) -> bool:
         before = self._last
         since_ns = arrival_ns - self._arrived_ns
-        if before is None or since_ns > LONG_NS or _is_near(before.pose, pose, since_ns):
+        moving_ns = max(since_ns, self._sent_ns(device_s))  # late poses arrive at once
+        if before is None or since_ns > LONG_NS or _is_near(before.pose, pose, moving_ns):
             self._elsewhere = None
             return False
         began_ns, there = self._elsewhere or (arrival_ns, pose)
@@ -101,6 +103,13 @@ class ReadingGate:
             return True
         self._elsewhere = None
         return False
+
+    def _sent_ns(self, device_s: float | None) -> int:
+        """Time since the last pose that passed, by the sender's clock; 0 where it tells none."""
+        if device_s is None or self._sent_s is None:
+            return 0
+        since_s = device_s - self._sent_s
+        return round(min(since_s, STEP_NS / NS) * NS) if since_s > 0 else 0
 
     def _time(self, device_s: float | None, arrival_ns: int) -> int:
         """Our time of the sender's; the arrival where the sender's says nothing."""

@@ -63,6 +63,7 @@ class EmotionEvaluation:
         shipped, with_lip = self.weights / "student", data / "fine-tune-lip"
         for name, student, folder in (
             (SHIPPED, shipped, self.weights),
+            ("zero convolutions, the ablations' budget", shipped, data / "plain"),
             (FINE_TUNED, data / "fine-tune" / "student", data / "fine-tune"),
             ("fine-tuned, L_lip", with_lip / "student", with_lip),
             ("without L_lip", shipped, data / "no-lip"),

@@ -4,6 +4,7 @@ All rows are of networks that were trained in DATA from nothing, each with a bud
 tells, and none of them ships; so they compare with each other, not with the shipped student.
 """
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +28,15 @@ STUDENTS = (  # table 3
     ("distilled", "plain/student"),
     ("distilled without L_DMD", "no-dmd/student"),
 )
+ENCODERS = (  # table 2: an audio encoder and a student of its own each, of one budget
+    ("non-causal encoder", "centred"),
+    ("causal encoder", "causal"),
+)
+TABLE_2 = ("lve_mm", "lip_sync_mm", "lip_velocity_mm")
+STEPS = (  # of table 2, better than what they follow
+    ("causal encoder, no outpainting", "non-causal encoder, no outpainting"),
+    ("causal encoder, outpainted", "causal encoder, no outpainting"),
+)
 
 
 def evaluate(data: Path, settings: SpeechSettings) -> None:
@@ -46,9 +56,40 @@ class AblationEvaluation(SpeechEvaluation):
         if not self.trained(name, path):
             return None
         model, card = load_denoiser(path, "diffusion", "student")
+        self._note(name, card)
+        return model
+
+    def _note(self, name: str, card: dict[str, Any]) -> None:
         kept = ("steps", "seed", "command")
         self.facts["rows"][name] = {key: card.get(key) for key in kept}
-        return model
+
+    def _encoder_rows(self, segments: "list[Segment]") -> "list[tuple[str, str, Row, int]]":
+        """Table 2: students fed frame by frame, each by the encoder that it learned from."""
+        from encoder.evaluation import rows as evaluation
+        from encoder.nn.checkpoint import load
+        from encoder.training.centred import CentredEncoder, fed_causally
+        from encoder.training.checkpoints import load_encoder
+
+        draws = self.settings.samples
+        rows: list[tuple[str, str, Row, int]] = []
+        for name, place in ENCODERS:
+            model = self._load(name, self.data / place / "student")
+            if model is None:
+                continue
+            path = self.data / place / "audio"
+            encoder = load_encoder(path)
+            self._note(f"{name}, itself", load(path, "audio", "centred")[1])
+            if isinstance(encoder, CentredEncoder):
+                encode = partial(fed_causally, encoder, samples_per_frame=800)
+            else:
+                encode = evaluation.whole(encoder)
+            heard = evaluation.features(segments, encode)
+            bare = evaluation.without_outpainting_row(model, heard, None)
+            rows.append((LIVE, f"{name}, no outpainting", bare, draws))
+            if place == "causal":
+                live = evaluation.student_row(model, heard, None)
+                rows.append((LIVE, f"{name}, outpainted", live, draws))
+        return rows
 
     def rows(self, segments: "list[Segment]") -> "list[tuple[str, str, Row, int]]":
         from encoder.denoiser.diffusion import Guidance
@@ -68,12 +109,29 @@ class AblationEvaluation(SpeechEvaluation):
             if model is not None:
                 several = 1 if name == "regression" else draws
                 rows.append((GT, name, evaluation.student_row(model, audio, gaze), several))
-                if name == "distilled":  # table 2: a whole segment is what outpainting gives
-                    live = evaluation.student_row(model, audio, None)
-                    bare = evaluation.without_outpainting_row(model, audio, None)
-                    rows.append((LIVE, "distilled, outpainted", live, draws))
-                    rows.append((LIVE, "distilled, no outpainting", bare, draws))
-        return [*rows, *self.non_causal_rows(segments)]
+        return [*rows, *self._encoder_rows(segments)]
+
+    def save_plots(self, folder: Path, metrics: Metrics) -> list[Path]:
+        """The figure of section 6.3: what each geometry loss does, over the model with both."""
+        from app.eval import plots
+
+        names = [name for name, _ in TEACHERS if name not in self.missing]
+        if len(names) < 2 or names[0] != TEACHERS[0][0]:
+            return []
+
+        def ratios(name: str, metric: str) -> list[float]:
+            rows = [f"{kind}/{GT}/{{}}/{metric}" for kind in self.kinds]
+            return [metrics[row.format(name)] / metrics[row.format(names[0])] for row in rows]
+
+        panels = {
+            title: [ratios(name, metric) for name in names]
+            for title, metric in (
+                ("LVE", "lve_mm"), ("lip sync", "lip_sync_mm"), ("lip velocity", "lip_velocity_mm")
+            )
+        }  # fmt: skip
+        short = ["both", *(name.removeprefix("diffusion").strip(", ") for name in names[1:])]
+        title = "Error over that of the model with both losses; a dot is a kind of clip"
+        return [plots.save_ratios(folder / "geometry_losses.png", title, short, panels)]
 
     def live_metrics(self) -> Metrics:
         return {}
@@ -85,11 +143,7 @@ class AblationEvaluation(SpeechEvaluation):
         pairs = (
             (f"{GT}/distilled", f"{GT}/regression", "lve_mm"),
             (f"{GT}/distilled", f"{GT}/regression", "lip_sync_mm"),
-            (
-                f"{LIVE}/distilled, outpainted",
-                f"{LIVE}/distilled, no outpainting",
-                "lip_velocity_mm",
-            ),
+            *((f"{LIVE}/{a}", f"{LIVE}/{b}", metric) for a, b in STEPS for metric in TABLE_2),
             *((f"{GT}/diffusion", f"{GT}/{name}", "lip_velocity_mm") for name, _ in TEACHERS[1:]),
         )
         return [

@@ -31,7 +31,14 @@ FED_CAUSALLY = "TalkSHOW-face, fed causally"
 
 def evaluate(data: Path, settings: SpeechSettings) -> None:
     """Free speech, sentences and real motion; languages of rule-made voices are left out."""
-    report(BaselineEvaluation(data, settings))
+    evaluated = BaselineEvaluation(data, settings)
+    if settings.films:
+        from app.eval.speech.films import save
+
+        titles = {title: name for name, title, styled in ROWS if not styled}
+        save(evaluated, settings.films, {t: n for t, n in titles.items() if n in evaluated.peers})
+    else:
+        report(evaluated)
 
 
 def without_languages(kinds: "dict[str, list[Segment]]") -> "dict[str, list[Segment]]":

@@ -14,6 +14,8 @@ from app.eval.speech.settings import SpeechSettings
 from app.eval.speech.tables import GT, LIVE, SYNTHESISED, Metrics, make_thresholds, show
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from encoder.evaluation.rows import Row, Segment
 
 
@@ -26,42 +28,48 @@ def evaluate(data: Path, settings: SpeechSettings) -> None:
 
 
 def report(evaluated: "SpeechEvaluation") -> None:
-    """Print its tables, metrics and thresholds, and write what the settings ask for."""
-    from app.terminal.thresholds import finish, print_metrics
+    """Print its tables, metrics and thresholds, and write what the settings ask for.
 
-    data, settings = evaluated.data, evaluated.settings
-    tables = evaluated.tables()
-    metrics = evaluated.live_metrics() | {
-        f"{kind}/{setting}/{row}/{name}": value
-        for kind, table in tables.items()
-        for setting, rows in table.items()
-        for row, metrics in rows.items()
-        for name, value in metrics.items()
-    }
-    show(tables)
+    The report is written anew after each kind of clip: a stopped evaluation leaves what it has.
+    """
+    from app.terminal.thresholds import finish, print_metrics, write
+
+    settings, metrics = evaluated.settings, dict[str, float]()
+    for kind, table in evaluated.tables():
+        show({kind: table})
+        metrics |= {
+            f"{kind}/{setting}/{row}/{name}": value
+            for setting, rows in table.items()
+            for row, measured in rows.items()
+            for name, value in measured.items()
+        }
+        write(evaluated.told(metrics, []), settings.report)
+    metrics = evaluated.live_metrics() | metrics
     print_metrics(metrics, evaluated.missing)
     if settings.plots:
-        for path in evaluated.save_plots(settings.plots):
+        for path in evaluated.save_plots(settings.plots, metrics):
             print(f"wrote {path}")
-    thresholds = evaluated.thresholds(metrics)
-    facts = {"seed": settings.seed, "avatar": settings.avatar}
-    facts |= {"samples": settings.samples, "segments": settings.segments}
-    facts |= {"test_set": str(data), "not_trained": evaluated.missing, **evaluated.facts}
-    rounded = {name: round(value, 4) for name, value in metrics.items()}
-    finish({"metrics": rounded, "bars": thresholds, **facts}, settings.report)
+    finish(evaluated.told(metrics, evaluated.thresholds(metrics)), settings.report)
 
 
 class SpeechEvaluation(SpeechModels):
     """The rows of those models in the tables, and their thresholds."""
 
-    def tables(self) -> dict[str, dict[str, dict[str, Metrics]]]:
-        """Kind of clip -> setting -> row -> metrics."""
+    def tables(self) -> "Iterator[tuple[str, dict[str, dict[str, Metrics]]]]":
+        """Kind of clip, and setting -> row -> metrics, as each is measured."""
         from tqdm import tqdm
 
-        return {
-            kind: self._table(segments)
-            for kind, segments in tqdm(self.kinds.items(), unit="kind", disable=None)
-        }
+        for kind, segments in tqdm(self.kinds.items(), unit="kind", disable=None):
+            yield kind, self._table(segments)
+
+    def told(self, metrics: Metrics, thresholds: list[dict[str, Any]]) -> dict[str, Any]:
+        """The report."""
+        settings = self.settings
+        facts = {"seed": settings.seed, "avatar": settings.avatar}
+        facts |= {"samples": settings.samples, "segments": settings.segments}
+        facts |= {"test_set": str(self.data), "not_trained": self.missing, **self.facts}
+        rounded = {name: round(value, 4) for name, value in metrics.items()}
+        return {"metrics": rounded, "bars": thresholds, **facts}
 
     def _table(self, segments: "list[Segment]") -> dict[str, dict[str, Metrics]]:
         from encoder.evaluation.judging import TruthMeshes, judge
@@ -131,7 +139,7 @@ class SpeechEvaluation(SpeechModels):
     def thresholds(self, metrics: Metrics) -> list[dict[str, Any]]:
         return make_thresholds(metrics)
 
-    def save_plots(self, folder: Path) -> list[Path]:
+    def save_plots(self, folder: Path, metrics: Metrics) -> list[Path]:
         """Plot the student's error over a shift for each kind of clip, and all loss curves."""
         from app.eval import plots as eval_plots
         from encoder import inference

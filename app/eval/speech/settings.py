@@ -29,6 +29,9 @@ class SpeechSettings(EvalSettings):
     """Folder of tracked faces, for --leave-one-out."""
     peers: File = None
     """Instead: table 1, ours beside the twins in this folder (`livedrive train peers`)."""
+    films: File = None
+    """With --peers, instead of tables: folder for films of 24 clips of ours and of each twin, and
+    a page for each twin to vote on."""
     ablations: bool = False
     """Instead: the paper's ablations (tables 2 and 3, losses), of what was trained in DATA."""
     plots: File = None

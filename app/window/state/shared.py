@@ -2,17 +2,16 @@
 
     loop -> WindowSink -> ring of ticks -> window process -> controls -> loop
 
-Nobody ever waits: the writer overwrites the oldest tick, the reader takes what it finds. A tick is
-marked unready while it is written, so that a reader never sees half of one.
+Nobody ever waits (see app.process.ring).
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from app.drive.stages import STAGES
 from app.process import memory
+from app.process.ring import Ring
 from render.types import Density
 from sensors.types import EYE_SIZE
 
@@ -76,42 +75,19 @@ class WindowInfo:
 
 
 class SharedMemory:
-    """Both records."""
+    """The ring of ticks and the controls."""
 
     def __init__(self, handle: str | None = None) -> None:
         """Make the memory, or open what another process made."""
         size = SLOTS * TICK.itemsize + CONTROLS.itemsize
         self._block = memory.attach(handle, size) if handle else memory.create(size)
         self.handle, buffer = self._block.handle, self._block.buffer
-        self._ring = np.frombuffer(buffer, TICK, SLOTS)
+        ticks = np.frombuffer(buffer, TICK, SLOTS)
         self.controls: np.void = np.frombuffer(buffer, CONTROLS, 1, SLOTS * TICK.itemsize)[0]
-        self._posted = 0
-
-    def clear(self) -> None:
-        """No tick and no control set: what a new window finds."""
-        self._ring["number"] = -1
-        self.controls["emotion"] = self.controls["shown"] = -1
-        self.controls["intensity"] = 1
-
-    def post(self, **fields: object) -> None:
-        """Write the next tick over the oldest one; takes as long as copying 320 kB."""
-        slot = self._ring[self._posted % SLOTS]
-        slot["number"] = -1
-        for name, value in fields.items():
-            slot[name] = value
-        slot["number"] = self._posted
-        self._posted += 1
-
-    def ticks_after(self, number: int) -> list[np.void]:
-        """Copies of the ticks posted after tick `number` that are still here, oldest first."""
-        numbers = self._ring["number"].copy()
-        found: list[np.void] = []
-        for wanted in np.sort(numbers[numbers > number]):
-            slot = self._ring[wanted % SLOTS]
-            copy: Any = slot.copy()
-            if copy["number"] == wanted == slot["number"]:
-                found.append(copy)
-        return found
+        if handle is None:
+            ticks["number"] = self.controls["emotion"] = self.controls["shown"] = -1
+            self.controls["intensity"] = 1
+        self.ticks = Ring(ticks)
 
     def close(self) -> None:
         """Let go of the memory; it vanishes when the arrays do."""

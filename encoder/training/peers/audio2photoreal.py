@@ -1,7 +1,7 @@
 """Audio2Photoreal's face (Ng et al. 2024): diffusion over a clip that is shown regressed lips.
 
 As published: a regressor from sound to lip vertices; sound and lips through two blocks; a decoder
-led by FiLM with attention to them, x0, a cosine schedule, a tenth of the clips without sound.
+with FiLM and attention to them, x0, a cosine schedule, a tenth of the clips without sound.
 Otherwise: one voice, as in the paper's table; the regressor learns beside the diffusion, from the
 same clips, and feels nothing of its error; guidance is 2, theirs 10, and DDIM takes fewer steps.
 """

@@ -116,7 +116,7 @@ class DiffPoseTalk(PeerNetwork):
 
     @torch.no_grad()
     def codes(self, audio: Tensor, noise: Tensor, truth: Tensor | None = None) -> Tensor:
-        """With `truth`, its style: nobody has that of what is yet to be said."""
+        """With `truth`, in its style: hypothetical, as that motion is yet to come."""
         heard, nothing = self.ears(audio), self.no_style.expand(len(audio), -1)
         style = None if truth is None else self.style(self.standardise(truth))
         past: tuple[Tensor, Tensor] | None = None

@@ -42,7 +42,7 @@ class PeerConfig:
 
 
 class PeerBlock(nn.Module):
-    """Full attention, perhaps to a memory as well, and a feed-forward; perhaps led by a vector."""
+    """Full attention, also to a memory if there is one, and a feed-forward; perhaps with FiLM."""
 
     def __init__(self, config: PeerConfig, *, memory: bool = False, film: bool = False) -> None:
         super().__init__()
@@ -67,11 +67,11 @@ class PeerBlock(nn.Module):
             films = list(self.film(functional.mish(lead))[:, None].chunk(len(films), -1))
         everything = torch.ones(x.shape[1], x.shape[1], dtype=torch.bool, device=x.device)
         y, _ = self.attention(self.norms[0](x), None, rope, everything)
-        x = x + _led(y, films[0])
+        x = x + _modulated(y, films[0])
         if memory is not None:
-            x = x + _led(self._remember(self.norms[1](x), rope, memory), films[1])
+            x = x + _modulated(self._remember(self.norms[1](x), rope, memory), films[1])
         y = self.down(functional.gelu(self.up(self.norms[-1](x))))
-        return x + _led(y, films[-1])
+        return x + _modulated(y, films[-1])
 
     def _remember(self, x: Tensor, rope: Rope, memory: Tensor) -> Tensor:
         assert self.ask is not None and self.recall is not None and self.answer is not None
@@ -83,7 +83,7 @@ class PeerBlock(nn.Module):
         return self.answer(y.transpose(1, 2).flatten(2))
 
 
-def _led(y: Tensor, film: Tensor | None) -> Tensor:
+def _modulated(y: Tensor, film: Tensor | None) -> Tensor:
     """FiLM: y [B, T, C] scaled and shifted by film [B, 1, 2 C], alike at all frames."""
     if film is None:
         return y

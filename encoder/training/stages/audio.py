@@ -29,8 +29,9 @@ from sensors.types import InputError
 
 SETTLE = 30  # features at the start of a crop without a loss: the encoder has no past there
 WIDTH = len(PHONES) + len(viseme_teacher.VISEMES) + 3  # phones, visemes, voiced, pitch, loudness
-TALKERS = ("grid-", "facegood")  # whose motion judges all else: their voices stay unheard, but for
-KNOWN = "grid-s1"  # who is in every training set
+# Talkers whose tracked motion tests all later stages: the encoder never hears their voices.
+TALKERS = ("grid-", "facegood")
+KNOWN = "grid-s1"  # the exception, who is in every training set
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,7 +50,7 @@ class ListenConfig:
     width_gain: float = 1.25  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
-    drop: float = 0.4  # share of hidden units that a step does without
+    drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600
     batch: int = 48
@@ -58,7 +58,7 @@ class ListenConfig:
     rate: float = 2e-3
     rules: float = 0.25  # weight of rule-made motion, against 1 of real talkers
     rest: float = 0.3  # weight of what is no voice
-    versions: int = 2  # of each clip, each heard by other ears
+    versions: int = 2  # of each clip, each with its own random microphone and room
     noises: int = 200  # clips of no voice beside the pack's
     velocity_weight: float = 0.3
     span_weight: float = 1.0  # of the lips' opening and width

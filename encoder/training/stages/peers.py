@@ -1,7 +1,7 @@
 """Stage "peers": train a twin of one of the paper's baselines (table 1) on the streams we train on.
 
 One budget for all: the steps, batch, windows and rate of this config, and AdamW with a cosine, as
-in `diffusion`. What comes out is for `eval speech --peers`, and ships with nobody.
+in `diffusion`. What comes out is for `eval speech --peers`; it is not shipped.
 """
 
 from dataclasses import asdict, dataclass, replace

@@ -23,7 +23,7 @@ from encoder.training.checkpoints import load_encoder
 from encoder.training.clips import grouped, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop
-from encoder.training.streams.streams import AHEAD, GAZE_SCALE, made_from
+from encoder.training.streams.streams import AHEAD, GAZE_SCALE, StreamSource, made_from
 
 ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
 # Mean share of the strength that the layer shows, as it swells and ebbs. Intensity 1 is the whole
@@ -34,15 +34,10 @@ SHARES = {"rules": 0.6, "tracked": 0.3, "rest": 0.1}  # of the neutral streams
 
 
 @dataclass(frozen=True, kw_only=True)
-class EmotionStreamConfig:
-    pack: Path
-    audio: Path  # the audio checkpoint, without suffix
-    output: Path  # .npz to write
+class EmotionStreamConfig(StreamSource):
     minutes: float = 240.0
-    stream_frames: int = 900
     versions: int = 4  # emotions laid over each stream
     acted: float = 0.5  # share of acted streams
-    seed: int = 0
 
 
 def with_emotion(

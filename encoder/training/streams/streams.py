@@ -26,13 +26,19 @@ from sensors.types import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
-class StreamConfig:
+class StreamSource:
+    """What all streams are made of, and where they go."""
+
     pack: Path
     audio: Path  # the audio checkpoint, without suffix
     output: Path  # .npz to write
-    minutes: float = 500.0
     stream_frames: int = 900
     seed: int = 0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StreamConfig(StreamSource):
+    minutes: float = 500.0
     rest_streams: float = 0.15  # share of streams without a word: loudness statistics die away
     clean_streams: float = 0.25  # share of streams as a good microphone hears them
     shares: tuple[tuple[str, float], ...] = (

@@ -11,6 +11,9 @@ from numba import njit
 
 from render.types import Floats, Ints, Shorts
 
+CARRIED = 16  # numbers that a vertex hands on: eleven, and what makes whole vectors of them
+BLOCK = 128  # vertices, and Gaussians, that are made together: a loop of vectors for each number
+
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def around_vertices(
@@ -41,108 +44,28 @@ def around_vertices(
 @njit(cache=True, nogil=True, error_model="numpy")
 def normalise(
     totals: Floats,  # [n + 1, 4] see around_vertices
-    normals: Floats,  # -> [n, 3] unit
+    rows: Ints,  # [n] of `normals`
+    normals: Floats,  # -> [N, 3] unit, these rows
 ) -> None:
-    for n in range(len(normals)):
+    for n in range(len(rows)):
+        row = np.uintp(rows[n])
         x, y, z = totals[n, 0], totals[n, 1], totals[n, 2]
         length = np.sqrt(x * x + y * y + z * z + np.float32(1e-12))
         for k in range(3):
-            normals[n, k] = totals[n, k] / length
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def flush(
-    sums: Floats,  # [n] mm^2
-    rest_sums: Floats,  # [n] mm^2
-    blood: Floats,  # [n] 1 where the colour changes, else 0
-    color: Floats,  # [3] of a doubled area
-    low: np.float32,
-    high: np.float32,
-    gains: Floats,  # -> [n, 3]
-) -> None:
-    one = np.float32(1)
-    for n in range(len(sums)):
-        stretch = (min(max(sums[n] / rest_sums[n], low), high) - one) * blood[n]
-        for k in range(3):
-            gains[n, k] = one + stretch * color[k]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def vertex_attributes(
-    vertices: Floats,  # [V, 3] mm
-    used: Ints,  # [U] vertices
-    rows: Ints,  # [n] of `used`
-    normals: Floats,  # [n, 3] unit
-    parts: Floats,  # [n, 12] see Lighting.parts
-    seen: Floats,  # [4, U] shares of the sky, of the key light and the rims
-    bleed: Floats,  # [3]
-    bounce: Floats,  # [3] share of the sky that is always seen
-    behind: np.float32,  # see surface.normals_of
-    move: Floats,  # [3, 4] of vertices and normals; light is that of moved ones already
-    out: Floats,  # -> [U, 11] these rows: what Gaussians take from a vertex, see `skin_gaussians`
-) -> None:
-    one = np.float32(1)
-    for n in range(len(rows)):
-        row = np.uintp(rows[n])
-        v = np.uintp(used[row])
-        sky, key, left, right = seen[0, row], seen[1, row], seen[2, row], seen[3, row]
-        x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
-        nx, ny, nz = normals[n, 0], normals[n, 1], normals[n, 2]
-        for k in range(3):
-            out[row, k] = move[k, 0] * x + move[k, 1] * y + move[k, 2] * z + move[k, 3]
-            out[row, 5 - k] = move[k, 0] * nx + move[k, 1] * ny + move[k, 2] * nz
-            b = bleed[k]
-            ambient = bounce[k] + (one - bounce[k]) * sky * (one + b * (one - sky))
-            light = parts[n, k] * ambient + parts[n, 3 + k] * key * (one + b * (one - key))
-            light += parts[n, 6 + k] * left * (one + b * (one - left))
-            out[row, 6 + k] = light + parts[n, 9 + k] * right * (one + b * (one - right))
-        out[row, 3] += behind
-        out[row, 4] = -out[row, 4]
-        out[row, 9], out[row, 10] = key, sky
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def activate(
-    values: Floats,  # [n, C], changed in place
-    bias: Floats,  # [n, C]
-    slope: np.float32,  # below zero
-) -> None:
-    flat, add = values.reshape(-1), bias.reshape(-1)
-    for i in range(len(flat)):
-        x = flat[i] + add[i]
-        flat[i] = max(x, slope * x)
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
-def read_light(
-    starts: Ints,  # [U + 1] a sparse map [U, texels] by rows
-    texels: Ints,
-    weights: Floats,
-    change: Floats,  # [texels, 2] since rest
-    rest: Floats,  # [2, U] shares of light that are seen at rest
-    out: Floats,  # -> [2, U] 0..1
-) -> None:
-    zero, one = np.float32(0), np.float32(1)
-    for u in range(len(starts) - 1):
-        sky, lamp = rest[0, u], rest[1, u]
-        for e in range(np.uintp(starts[u]), np.uintp(starts[u + 1])):
-            texel = np.uintp(texels[e])
-            sky += weights[e] * change[texel, 0]
-            lamp += weights[e] * change[texel, 1]
-        out[0, u], out[1, u] = min(max(sky, zero), one), min(max(lamp, zero), one)
+            normals[row, k] = totals[n, k] / length
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def skin_gaussians(
-    attributes: Floats,  # [U, 11] place, mm; three of a turn's wxyz; light; shares of key, sky
+    attributes: Floats,  # [U, CARRIED] place, mm; three of a turn's wxyz; light; shares of key, sky
     rows: Shorts,  # [N, 3] vertices of the anchors' triangles
     weights: Floats,  # [N, 3] barycentric coordinates
     areas: Floats,  # [F + 1] mm^2
+    rest_areas: Floats,  # [F + 1] mm^2, of the mean face
     triangles: Shorts,  # [N] whose area an anchor's width follows
-    rest_areas: Floats,  # [N] mm^2
     widths: Floats,  # [N] mm at `rest_areas`
     reflected: Floats,  # [N, 3] linear albedo
-    gloss: Floats,  # [N, 3] weight of mirrored light; the same times the shares of both rims
+    gloss: Floats,  # [N] weight of mirrored light
     depths: Floats,  # [N] mm under the skin
     film: Floats,  # [5] see lighting.FILM, with the exposure
     low: np.float32,
@@ -153,36 +76,60 @@ def skin_gaussians(
     quats: Floats,  # -> [N, 4]
     scales: Floats,  # -> [N, 3] mm
     colors: Floats,  # -> [N, 3] stored, 0..1, without mirrored light
-    shine: Floats,  # -> [N, 4] weight of the mirrored light of each lamp
+    shine: Floats,  # -> [N, 2] of 4: weight of the mirrored light of the key light and the fill
 ) -> None:
-    zero, one = np.float32(0), np.float32(1)
-    for n in range(len(rows)):
+    zero = np.float32(0)
+    for f in range(len(areas)):
+        areas[f] = min(max(np.sqrt(areas[f] / rest_areas[f]), low), high)
+    stored = colors.reshape(-1)
+    mixed = np.empty((BLOCK, CARRIED), np.float32)
+    for start in range(0, len(rows), BLOCK):
+        count = min(BLOCK, len(rows) - start)
+        mix(attributes, rows[start : start + count], weights[start : start + count], mixed)
+        for i in range(count):
+            n, m = np.uintp(start + i), np.uintp(i)
+            w, x, y, deep = mixed[m, 3], mixed[m, 4], mixed[m, 5], depths[n]
+            right, up, out = mixed[m, 0], mixed[m, 1], mixed[m, 2]
+            quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3] = w, x, y, zero
+            means[n, 0], means[n, 1] = right - deep * y, up + deep * x
+            means[n, 2] = out - deep * (w - behind)
+        for i in range(count):
+            n, m = np.uintp(start + i), np.uintp(i)
+            red, green, blue = mixed[m, 6], mixed[m, 7], mixed[m, 8]
+            colors[n, 0], colors[n, 1] = reflected[n, 0] * red, reflected[n, 1] * green
+            colors[n, 2] = reflected[n, 2] * blue
+        develop(stored[3 * start : 3 * (start + count)], film)
+        for i in range(count):
+            n, m = np.uintp(start + i), np.uintp(i)
+            key, sky, share = mixed[m, 9], mixed[m, 10], gloss[n]
+            shine[n, 0], shine[n, 1] = share * key, share * sky
+        for i in range(count):
+            n = np.uintp(start + i)
+            width = widths[n] * areas[np.uintp(triangles[n])]
+            scales[n, 0], scales[n, 1], scales[n, 2] = width, width, width * flatness
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def mix(attributes: Floats, rows: Shorts, weights: Floats, out: Floats) -> None:
+    """[U, C], [n, 3], [n, 3] -> [n, C]: columns are the inner loop, whole vectors of them."""
+    columns = attributes.shape[1]
+    for i in range(len(rows)):
+        n = np.uintp(i)
         p, q, r = weights[n, 0], weights[n, 1], weights[n, 2]
-        a, b, c = rows[n, 0], rows[n, 1], rows[n, 2]
-        for k in range(3):
-            means[n, k] = p * attributes[a, k] + q * attributes[b, k] + r * attributes[c, k]
-        for k in range(3):
-            t = 3 + k
-            quats[n, k] = p * attributes[a, t] + q * attributes[b, t] + r * attributes[c, t]
-        quats[n, 3] = zero
-        if depths[n] > zero:
-            means[n, 0] -= depths[n] * quats[n, 2]
-            means[n, 1] += depths[n] * quats[n, 1]
-            means[n, 2] -= depths[n] * (quats[n, 0] - behind)
-        for k in range(3):
-            t = 6 + k
-            light = p * attributes[a, t] + q * attributes[b, t] + r * attributes[c, t]
-            x = max(reflected[n, k] * light, zero)
-            x = x * (film[0] * x + film[1]) / (x * (film[2] * x + film[3]) + film[4])
-            colors[n, k] = np.sqrt(min(x, one))
-        key = p * attributes[a, 9] + q * attributes[b, 9] + r * attributes[c, 9]
-        sky = p * attributes[a, 10] + q * attributes[b, 10] + r * attributes[c, 10]
-        shine[n, 0], shine[n, 1] = gloss[n, 0] * key, gloss[n, 0] * sky
-        shine[n, 2], shine[n, 3] = gloss[n, 1], gloss[n, 2]
-        stretch = np.sqrt(areas[triangles[n]] / rest_areas[n])
-        width = widths[n] * min(max(stretch, low), high)
-        scales[n, 0] = scales[n, 1] = width
-        scales[n, 2] = width * flatness
+        a = attributes[np.uintp(rows[n, 0])]
+        b, c = attributes[np.uintp(rows[n, 1])], attributes[np.uintp(rows[n, 2])]
+        mixed = out[n]
+        for t in range(columns):
+            mixed[t] = p * a[t] + q * b[t] + r * c[t]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def develop(values: Floats, film: Floats) -> None:  # [n] linear -> stored, in place; [5]
+    zero, one = np.float32(0), np.float32(1)
+    a, b, c, d, e = film[0], film[1], film[2], film[3], film[4]
+    for i in range(len(values)):
+        x = max(values[i], zero)
+        values[i] = np.sqrt(min(x * (a * x + b) / (x * (c * x + d) + e), one))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from render.decoder.kernels import surface as kernels
+from render.decoder.kernels import light as kernels
 from render.types import Floats
 
 SLOPE = np.float32(0.1)

@@ -142,12 +142,10 @@ class Studio:
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
-        still = head.at_rest(vertices, of_used, lights)
-        gloss = np.concatenate(
-            [self.gloss[:, None], self.gloss[:, None] * (head.interpolate @ of_used[2:].T)], 1
-        )
+        still = head.at_rest(vertices)
         black = np.zeros((count, 3), np.float32)
-        head.place(vertices, of_used, still, black, gloss, placed, lights)
+        head.place(vertices, of_used, still, black, self.gloss, placed, lights)
+        placed.shine[:, 2:] = self.gloss[:, None] * (head.interpolate @ of_used[2:].T)
         carried, _ = head.vertex_attributes(vertices, of_used, still, lights)
         light = head.interpolate @ carried[:, surface.LIGHT][:, :3]
         lobes = Shine(placed.shine, self.roughness, lights.colors)

@@ -23,9 +23,9 @@ Tint = tuple[float, float, float]
 SEGMENTS = 2  # Gaussians along a strand
 UPRIGHT = 0.55  # how much of its first segment a strand stands off the skin; halved in each next
 RADII_MM = (0.30, 0.20)  # of the pieces of a strand: a few hairs
-SPREAD = 0.3  # how differently long and bright strands are
+SPREAD = 0.3  # how much strands differ in length and brightness
 CURL = 0.3  # how far strands leave the flow, most of it together with their tuft
-TUFT = 12  # strands of one
+TUFT = 12  # strands in a tuft
 SHORTEST = 0.35  # of the full length, where a beard begins
 LIP_MM = -36.0  # height of the mouth; strands above it belong to a moustache
 FULL = 2.0  # strands stand closer than the stubble is dark at the edge of a beard
@@ -135,11 +135,11 @@ def _roots(
 
 
 def _lie(roots: Floats, normal: Floats, rng: np.random.Generator) -> Floats:  # -> [n, 3] unit
-    """The way each strand lies on the skin: with the flow, astray with its tuft."""
+    """The way each strand lies on the skin: along the flow, astray mostly as its tuft is."""
     tufts = rng.integers(len(roots), size=len(roots) // TUFT)
     tuft = KDTree(roots[tufts]).query(roots)[1]
-    astray = rng.standard_normal((len(tufts), 3))[tuft] + 0.6 * rng.standard_normal(roots.shape)
-    down = flow(roots, normal) + CURL * astray
+    stray = rng.standard_normal((len(tufts), 3))[tuft] + 0.6 * rng.standard_normal(roots.shape)
+    down = flow(roots, normal) + CURL * stray
     down -= (down * normal).sum(1, keepdims=True) * normal
     return down / (np.linalg.norm(down, axis=1, keepdims=True) + 1e-9)
 

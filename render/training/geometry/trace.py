@@ -11,9 +11,13 @@ from render.types import Floats
 
 SEEDS, SAMPLES = 9000, 36_000  # strands; places on the cards that the field is read from
 STEP_MM, STEPS = 3.2, 34  # along a strand
-SMOOTH_MM, REACH_MM = 5.0, 5.5  # of the field; a strand ends this far off the cards
+SMOOTH_MM, REACH_MM = 5.0, 5.5  # smoothing of the field; a strand ends this far off the cards
 CROWN_MM = np.array([0.0, 140.0, -25.0])  # hair flows away from it
-VOLUME_MM, FRIZZ, CLUMP = 2.2, 0.25, 26  # spread of layers; astray with its tuft of so many
+VOLUME_MM, FRIZZ, CLUMP = (
+    2.2,
+    0.25,
+    26,
+)  # mm between layers; stray of a strand; strands of a tuft, which stray together
 LEAST = 4  # steps of a strand that counts
 
 
@@ -42,7 +46,7 @@ def trace(
     start = points[first] + rng.normal(0, 0.6, (SEEDS, 3))
     lift = (0.6 * rng.normal(0, VOLUME_MM, SEEDS) - 0.2 * VOLUME_MM)[:, None]
     tufts = KDTree(points[rng.choice(good, SEEDS // CLUMP)]).query(start)[1]
-    astray = rng.normal(0, 1, (SEEDS, 3))[tufts]
+    stray = rng.normal(0, 1, (SEEDS, 3))[tufts]
     lines = np.full((SEEDS, STEPS, 3), np.nan)
     half = STEPS // 2
     for sign, steps in ((1, range(half, STEPS)), (-1, range(half - 1, -1, -1))):
@@ -58,7 +62,7 @@ def trace(
             else:
                 turned = np.where((way * last).sum(1) < 0, -1.0, 1.0)[:, None]
                 way = 0.6 * way * turned + 0.4 * last
-            way += FRIZZ * (0.10 * astray + 0.06 * rng.normal(0, 1, at.shape))
+            way += FRIZZ * (0.10 * stray + 0.06 * rng.normal(0, 1, at.shape))
             way /= np.linalg.norm(way, axis=1, keepdims=True) + 1e-9
             last = way
             out, middle = (outward[near] * weight).sum(1), (points[near] * weight).sum(1)

@@ -1,4 +1,4 @@
-"""A shirt below the neck: the bust ends in cloth, and Maker lets it fade, never in a cut."""
+"""A shirt below the neck: the bust ends in cloth, which Maker fades out, instead of in a cut."""
 
 import numpy as np
 

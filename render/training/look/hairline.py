@@ -20,7 +20,7 @@ def rooted(
     root: Floats,  # [3] or [n, 3] stored colour
     strand_mm2: float = STRAND_MM2,
 ) -> Floats:  # [n, 3]
-    """Skin in the colour of the roots, as far as strands lie over it: sideburns are no stripes."""
+    """Skin in the colour of the roots, where strands lie over it: else sideburns look striped."""
     near = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
     cover = 1 - np.exp(-np.asarray(near) * strand_mm2 / (np.pi * NEAR_MM**2))
     return (albedo + ROOTS * cover[:, None] * (root - albedo)).astype(np.float32)

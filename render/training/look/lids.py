@@ -17,7 +17,8 @@ def calmed(
     skin: NDArray[np.bool_],  # [n] and no eyeball
     edges: list[Floats],  # [m, 3] mm, the edges of each eye's lids
 ) -> Floats:  # [n, 3]
-    """As bright as it was: texture maps have red and yellow blots in the corners of the eyes."""
+    """The albedo with the hue of the skin around: texture maps have red and yellow blots in the
+    corners of the eyes. Brightness stays."""
     out = albedo.astype(np.float32).copy()
     for edge in edges:
         apart = np.asarray(KDTree(edge).query(points)[0])

@@ -36,7 +36,7 @@ def colors(face: FaceData) -> Floats:  # [V, 3] stored
 
 
 def waves(points: Floats, frequency: float) -> Floats:  # [n, 3] mm -> [n, 1] -1..1
-    """Cheap unevenness."""
+    """Uneven brightness: a product of sines, which costs less than noise."""
     x, y, z = points.T * frequency
     a = np.sin(1.7 * x + 1.1 * np.sin(2.1 * y + 1.3))
     return (a * np.sin(1.9 * y + 2 + np.sin(1.6 * z)) * np.sin(2.3 * z + 0.7))[:, None]

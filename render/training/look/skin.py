@@ -57,7 +57,7 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
 
 
 def reom(face: FaceData, name: str) -> Floats | None:  # [SIZE, SIZE, 3] linear
-    """Reom's skin laid on the face; none if the picture is not there."""
+    """Reom's skin fitted to the face; none if the picture is not there."""
     path = face.folder / "reom" / f"{name}Skin_Face_BaseColor.jpg"
     if not path.is_file():
         return None
@@ -79,7 +79,7 @@ def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n, 2] -> [n,
 
 
 def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
-    """Pores and mottling of a laid skin, without its tone."""
+    """Pores and mottling of a fitted skin, without its tone."""
     off = 1.3 * places.lips + 1.2 * places.lids + places.roll
     on = np.clip(1 - 1.2 * soft(np.clip(off, 0, 1), 2.5), 0, 1)
     on = (on * soft((places.up > -70).astype(np.float32), 10))[..., None]

@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any, get_args
 
+import av
 import numpy as np
 import pytest
 import torch
@@ -45,6 +46,8 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
     for stage in ("audio", "diffusion", "distill"):
         train(folder, stage)
+        train(folder, stage, variant="causal")
+        train(folder, stage, variant="centred")
     for name in get_args(Baseline):
         train(folder, "peers", name=name)
     train(folder, "distill", variant="plain")
@@ -82,7 +85,7 @@ def test_the_twins_stand_beside_ours(data, tmp_path):
                 assert report["metrics"][f"{kind}/{row}/{metric}"] >= 0
     assert report["peers"]["talkshow"]["budget"]["steps"] == 2
     assert report["peers"]["talkshow"]["command"] == (
-        "livedrive train peers --name talkshow --preset debug"
+        "livedrive train peers --preset debug --name talkshow --stream-minutes 0.5"
     )
     assert report["not_trained"] == []
     names = {bar["name"] for bar in report["bars"]}
@@ -92,30 +95,64 @@ def test_the_twins_stand_beside_ours(data, tmp_path):
     }  # fmt: skip
 
 
+def test_films_are_pairs_to_vote_on(data, tmp_path):
+    evaluate(data, peers=data / "peers", films=tmp_path)
+    pages = {path.name for path in tmp_path.glob("*.html")}
+    assert pages == {"talkshow.html", "audio2photoreal.html", "diffposetalk.html"}
+    assert (tmp_path / "talkshow.html").read_text().count("data:video/mp4") >= 4
+    with av.open(str(tmp_path / "ours" / "clip_00.mp4")) as video:
+        assert video.streams.video[0].frames == 100
+        assert abs(float(video.duration) / av.time_base - 100 / 30) < 0.1
+        loudest = max(float(np.abs(sound.to_ndarray()).max()) for sound in video.decode(audio=0))
+        assert loudest > 0.1
+
+
 def test_a_folder_without_twins_is_an_error(data, tmp_path):
     with pytest.raises(InputError, match="--peers .*train peers --name"):
         evaluate(data, peers=tmp_path)
 
 
 def test_ablations_that_were_trained_are_rows_and_the_others_are_named(data, tmp_path):
-    evaluate(data, ablations=True, report=tmp_path / "report.json")
+    evaluate(data, ablations=True, report=tmp_path / "report.json", plots=tmp_path)
     report = json.loads((tmp_path / "report.json").read_text())
     rows = {name.rsplit("/", 1)[0] for name in report["metrics"]}
     for kind in ("freeform", "sentence"):
         assert {row.removeprefix(f"{kind}/") for row in rows if row.startswith(kind)} == {
             "recorded gaze/diffusion", "recorded gaze/diffusion without L_vel",
             "recorded gaze/regression", "recorded gaze/distilled",
-            "live/distilled, outpainted", "live/distilled, no outpainting",
+            "live/non-causal encoder, no outpainting", "live/causal encoder, no outpainting",
+            "live/causal encoder, outpainted",
         }  # fmt: skip
     assert report["rows"]["distilled"]["steps"] == 2
-    assert "--variant no-velocity" in report["rows"]["diffusion without L_vel"]["command"]
+    command = report["rows"]["diffusion without L_vel"]["command"]
+    assert command.endswith("--preset debug --variant no-velocity --stream-minutes 0.5")
+    assert report["rows"]["non-causal encoder, itself"]["steps"] == 2
+    assert (tmp_path / "geometry_losses.png").stat().st_size > 10_000
     assert set(report["not_trained"]) == {
         "diffusion without L_jitter", "diffusion, L_jitter not normalised",
-        "distilled without L_DMD", "non-causal encoder",
+        "distilled without L_DMD",
     }  # fmt: skip
     assert "freeform, lve_mm: recorded gaze/distilled over recorded gaze/regression" in {
         bar["name"] for bar in report["bars"]
     }
+
+
+def test_a_stopped_evaluation_leaves_what_it_measured(data, tmp_path, monkeypatch):
+    from app.eval.speech.ablations import AblationEvaluation
+
+    measured = AblationEvaluation._table
+    tables = iter([measured])
+
+    def stopped(self: AblationEvaluation, segments: Any) -> Any:
+        for table in tables:
+            return table(self, segments)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(AblationEvaluation, "_table", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        evaluate(data, ablations=True, report=tmp_path / "report.json")
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert len({name.split("/")[0] for name in report["metrics"]}) == 1
 
 
 @torch.no_grad()

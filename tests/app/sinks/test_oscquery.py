@@ -1,5 +1,6 @@
 """`--send vrchat://auto` against a stand-in that announces itself and answers as VRChat does."""
 
+import contextlib
 import json
 import secrets
 import socket
@@ -81,11 +82,19 @@ def looked_for() -> VRChat:
     return find(1.0, [HERE])
 
 
+def found_in_time() -> VRChat:
+    """Announcements are datagrams: on a busy machine one may come after the second that we wait."""
+    for _ in range(9):
+        with contextlib.suppress(InputError):
+            return looked_for()
+    return looked_for()
+
+
 def test_it_is_found_with_its_port_and_the_avatars_prefix(
     decoder: Decoder, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with vrchat(INFO, FACE):
-        found = looked_for()
+        found = found_in_time()
     assert found == VRChat(HERE, 9123, "FT/v2")  # the address that answered, not the one it claims
     assert "FT/v2" in capsys.readouterr().err
     monkeypatch.setattr(oscquery, "find", lambda: found)
@@ -129,7 +138,7 @@ def test_an_avatar_without_a_face_is_told_and_served(
     parameters: bytes, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with vrchat(INFO, parameters):
-        assert looked_for() == VRChat(HERE, 9123, None)
+        assert found_in_time() == VRChat(HERE, 9123, None)
     assert "no face parameters" in capsys.readouterr().err
 
 

@@ -51,7 +51,7 @@ def test_weights_go_out_and_the_rest_stays_in_the_data(data):
     made = {p.name for p in data.iterdir() if p.is_file()}
     assert {"teacher.json", "regression.json", "streams.npz", "distill_state.safetensors"} <= made
     assert card(data / "weights" / "student")["command"] == (
-        "livedrive train distill --preset debug"
+        "livedrive train distill --preset debug --stream-minutes 0.5"
     )
 
 

@@ -43,33 +43,31 @@ def test_no_two_areas_overlap(size: tuple[int, int], scale: float, panels: bool)
 
 def test_ticks_arrive_whole_and_the_oldest_are_overwritten() -> None:
     memory = SharedMemory()
-    memory.clear()
-    assert memory.ticks_after(-1) == []
+    assert memory.ticks.after(-1) == []
     for k in range(SLOTS + 5):
-        memory.post(index=k, t_ns=k * NS, expression=np.full(256, k), eyes=k)
-    found = memory.ticks_after(-1)
+        memory.ticks.post(index=k, t_ns=k * NS, expression=np.full(256, k), eyes=k)
+    found = memory.ticks.after(-1)
     assert [int(t["number"]) for t in found] == list(range(5, SLOTS + 5))
     assert all((t["eyes"] == t["number"]).all() for t in found)
-    assert [int(t["index"]) for t in memory.ticks_after(SLOTS + 2)] == [SLOTS + 3, SLOTS + 4]
-    memory.post(index=99)
+    assert [int(t["index"]) for t in memory.ticks.after(SLOTS + 2)] == [SLOTS + 3, SLOTS + 4]
+    memory.ticks.post(index=99)
     assert found[-1]["index"] == SLOTS + 4  # a copy
     memory.close()
 
 
 def test_a_tick_in_the_making_is_not_read() -> None:
     memory, seen = SharedMemory(), []
-    memory.clear()
     for k in range(SLOTS):
-        memory.post(index=k)
+        memory.ticks.post(index=k)
 
     class Spy:
         """A value that looks at the ring while it is being written into it."""
 
         def __array__(self, dtype: object = None, copy: object = None) -> np.ndarray:
-            seen.append([int(t["number"]) for t in memory.ticks_after(-1)])
+            seen.append([int(t["number"]) for t in memory.ticks.after(-1)])
             return np.zeros(256, np.float32)
 
-    memory.post(index=SLOTS, expression=Spy())  # over tick 0
+    memory.ticks.post(index=SLOTS, expression=Spy())  # over tick 0
     assert seen and all(numbers == list(range(1, SLOTS)) for numbers in seen)
     memory.close()
 
@@ -101,10 +99,11 @@ def test_eye_marks_follow_gaze_and_lids() -> None:
 
 def test_history_keeps_its_size_and_counts() -> None:
     history, memory = History(), SharedMemory()
-    memory.clear()
     for k in range(KEPT + 10):
-        memory.post(index=k, stage_ms=np.full(10, k), level=(0.1, 1.0), audio_gap=k < 4, dropped=2)
-        history.add(memory.ticks_after(k - 1)[-1])
+        memory.ticks.post(
+            index=k, stage_ms=np.full(10, k), level=(0.1, 1.0), audio_gap=k < 4, dropped=2
+        )
+        history.add(memory.ticks.after(k - 1)[-1])
     assert history.stage_ms.shape[0] == KEPT and history.tick_ms(100) == KEPT + 9
     assert (history.frames, history.dropped, history.audio_gaps) == (KEPT + 10, 2, 4)
     assert history.level_db == pytest.approx(-20, abs=0.1) and history.peak_db == pytest.approx(0)

@@ -8,7 +8,7 @@ import pytest
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.decoder.neck import LIMIT_MM, LIMITS_RAD, limited
-from render.lighting import STUDIO
+from render.lighting import STUDIO, developed
 from render.types import AHEAD, FIELDS, Gaussians
 from sensors import rotation
 from sensors.types import HeadPose
@@ -93,6 +93,23 @@ def test_light_changes_as_the_head_turns(decoder: Decoder) -> None:
         left.colors[: len(share)][chest], right.colors[: len(share)][chest], atol=2e-3
     )
     assert STUDIO.key
+
+
+def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
+    who, head = identity.load("ben"), turned(0, 30, 0)
+    cloud, surface = skin(decoder, "ben", head), decoder.surface
+    matrix = np.stack([rotation.rotate(head.quat, e) for e in np.eye(3).tolist()], 1)
+    normals = surface.whole.normals(who.geometry)[0] @ matrix.T.astype(np.float32)
+    light = surface.interpolate @ STUDIO.shade(normals, decoder.visibility(STILL, who).T)
+    expected = developed((decoder.shares @ who.albedo) ** 2 * light)
+    moving = np.zeros(len(surface.used), np.float32)
+    moving[surface.live] = (
+        1  # live skin is not quite at rest in a face at rest: its lips are parted
+    )
+    still = (along(decoder, "ben") > 0.99999) & (surface.interpolate @ moving == 0)
+    assert still[decoder.interior].sum() > 1000 and still.sum() > 5000
+    found = cloud.colors[: len(expected)]
+    np.testing.assert_allclose(found[still], expected[still], atol=1e-3)
 
 
 def test_a_reused_cloud_comes_back_to_rest(decoder: Decoder) -> None:

@@ -9,6 +9,7 @@ from scenes import head_scene, join, single, take
 from render.cameras import portrait
 from render.splats import reference
 from render.splats.projector import Projector
+from render.splats.reach_kernels import FURTHER, WHOLE
 from render.splats.tile_pairs import bin_splats
 
 CAMERA = portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)
@@ -33,12 +34,17 @@ def test_the_order_is_that_of_depth():
 @pytest.mark.slow
 def test_a_splat_is_dealt_to_the_tiles_that_its_pixels_lie_in_and_to_few_others():
     scene, size = take(head_scene(3000), np.arange(0, 3000, 15)), (26, 17)
-    scene = replace(scene, scales=scene.scales * np.float32(2.5))
+    wider = np.where(np.arange(len(scene)) % 50, 2.5, 12).astype(np.float32)
+    scene = replace(scene, scales=scene.scales * wider[:, None])
     projector = Projector()
     order = projector.run(scene, CAMERA)
-    pairs = bin_splats(projector.boxes, order, size, projector.reached_tiles())
+    reaches = projector.reached_tiles()
+    large = reaches.words[order] == WHOLE, reaches.words[order] >= FURTHER
+    assert large[0].any() and large[1].any() and not np.all(large[0] | large[1])
+    pairs = bin_splats(projector.boxes, order, size, reaches)
     dealt = np.zeros((len(scene), size[0] * size[1]), np.bool_)
-    dealt[pairs.splats, np.repeat(np.arange(size[0] * size[1]), np.diff(pairs.starts))] = True
+    for tile, (start, count) in enumerate(zip(pairs.starts[:-2], pairs.counts, strict=True)):
+        dealt[pairs.splats[start : start + count], tile] = True
     seen = np.zeros_like(dealt)
     for index in range(len(scene)):
         splat = reference.project(take(scene, np.array([index])), CAMERA)

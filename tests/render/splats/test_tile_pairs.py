@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from render.splats.tile_kernels import WHOLE
-from render.splats.tile_pairs import bin_splats
+from render.splats.reach_kernels import FURTHER, WHOLE
+from render.splats.tile_pairs import Reaches, bin_splats
 
 
 def boxes_of(corners):
@@ -12,7 +12,8 @@ def boxes_of(corners):
 
 
 def lists(pairs):
-    return [list(part) for part in np.split(pairs.splats, pairs.starts[1:-1])]
+    starts = pairs.starts[: len(pairs.counts)]
+    return [list(pairs.splats[a : a + n]) for a, n in zip(starts, pairs.counts, strict=True)]
 
 
 def first_to_last(count):
@@ -32,12 +33,30 @@ def test_lists_hold_the_numbers_of_those_in_the_order():
     assert lists(pairs) == [[0], [2, 0]]
 
 
+def reach(first_tile, *rows):
+    """Of rows that leave out some tiles, then reach some."""
+    bits = sum((left << 4 | n) << 8 * k for k, (left, n) in enumerate(rows))
+    further = int(FURTHER) if len(rows) > 4 else 0
+    return further | first_tile << 32 | bits & 0xFFFFFFFF, bits >> 32
+
+
 def test_rows_leave_out_what_the_ellipse_misses():
-    rows = np.zeros((2, 8), np.uint8)
-    rows[0, :3] = 1 << 4 | 1, 0 << 4 | 3, 1 << 4 | 1  # a diamond
-    rows[1] = WHOLE
-    pairs = bin_splats(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), first_to_last(2), (3, 3), rows)
+    diamond, _ = reach(0, (1, 1), (0, 3), (1, 1))
+    reaches = Reaches(np.array([diamond, WHOLE], np.uint64), np.zeros(2, np.uint32))
+    pairs = bin_splats(boxes_of([(0, 0, 3, 3), (2, 2, 3, 3)]), first_to_last(2), (3, 3), reaches)
     assert lists(pairs) == [[], [0], [], [0], [0], [0], [], [0], [1]]
+    assert pairs.starts[-1] - pairs.starts[-2] == 1  # the list of no tile is empty
+
+
+def test_rows_below_the_fourth_lie_beside_the_reach():
+    rows = [(0, 0), (0, 5), (2, 1), (0, 0), (1, 2), (0, 15)]
+    word, further = reach(0, *rows)
+    reaches = Reaches(np.array([word], np.uint64), np.array([further], np.uint32))
+    pairs = bin_splats(boxes_of([(0, 0, 15, 6)]), first_to_last(1), (16, 6), reaches)
+    reached = np.zeros((6, 16), int)
+    for y, (left, n) in enumerate(rows):
+        reached[y, left : left + n] = 1
+    assert [len(found) for found in lists(pairs)] == list(reached.ravel())
 
 
 def test_random_boxes_equal_a_loop():

@@ -1,5 +1,6 @@
 """What a tracker claims and no head does: counted, dropped, said once."""
 
+from dataclasses import replace
 from math import radians
 
 import pytest
@@ -55,6 +56,17 @@ def test_a_quick_turn_is_no_jump() -> None:
     gate = ReadingGate("t", Told())
     for k in range(20):  # 700 degrees a second
         assert gate(turned(7.0 * k), k * 10 * MS)
+
+
+def test_poses_that_come_at_once_after_a_stall_are_judged_by_the_senders_clock() -> None:
+    gate = ReadingGate("t", Told())
+    for k in range(10):
+        assert gate(replace(turned(0), device_s=5 + k * 0.016), k * 16 * MS)
+    for k in range(1, 8):  # 900 degrees a second for a tenth of one
+        assert gate(replace(turned(15.0 * k), device_s=5.144 + k * 0.016), 256 * MS + k)
+    assert gate(replace(turned(195), device_s=NAN), 256 * MS + 9) is None
+    assert gate(replace(turned(195), device_s=1e3), 256 * MS + 9) is None
+    assert gate.counts.jumps == 2
 
 
 def test_a_flood_is_cut_down() -> None:
