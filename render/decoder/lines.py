@@ -17,6 +17,8 @@ from render.types import Floats, Ints
 
 LID_CLEARANCE_MM = 0.35  # the inside of a lid stays this far above the eyeball
 PUSH_PASSES = 2
+PRESSED_MM, PRESSED_PASSES = np.float32(0.2), 3  # lips may cross by so much more than at rest
+FACING_MM, FACING = 4.5, 8  # vertices of the other lip, so near at rest, that one may press into
 VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge, invisible from the side
 
 
@@ -96,6 +98,37 @@ class Line:
     @classmethod
     def of(cls, tensors: dict[str, NDArray], prefix: str) -> "Line":
         return cls(*(tensors[f"{prefix}_{f.name}"] for f in fields(cls)))
+
+
+@dataclass(frozen=True)
+class Lips:
+    """Vertices of the lips that may press into each other, wherever on them they meet.
+
+    `Line` knows the places that touch on the mean face. Lips of another shape, pressed or rolled
+    in, meet elsewhere: there the vertices that crossed are moved, and only these.
+    """
+
+    members: Ints  # [M] vertices
+    upper: Ints  # [P] rows of these that face ...
+    lower: Ints  # [P] ... these
+
+    def part(self, vertices: Floats, rest: Floats) -> None:  # [V, 3] mm, [V, 3] mm
+        """Undo a crossing, in place."""
+        pairs = self.members, self.upper, self.lower
+        posing_kernels.unpress(vertices, rest, *pairs, PRESSED_MM, PRESSED_PASSES)
+
+    @classmethod
+    def of(cls, mean_face: Floats, upper: Ints, lower: Ints) -> "Lips":  # [V, 3] mm at rest
+        upper = np.setdiff1d(upper, lower)
+        apart = np.linalg.norm(mean_face[upper][:, None] - mean_face[lower][None], axis=2)
+        columns = np.argsort(apart, axis=1)[:, :FACING]
+        near = np.take_along_axis(apart, columns, 1) < FACING_MM
+        rows = np.broadcast_to(np.arange(len(upper))[:, None], near.shape)[near]
+        return cls(
+            np.concatenate([upper, lower]).astype(np.int32),
+            rows.astype(np.int32),
+            (len(upper) + columns[near]).astype(np.int32),
+        )
 
 
 def lift_lids(

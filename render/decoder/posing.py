@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from render.decoder.kernels import posing as posing_kernels
-from render.decoder.lines import Line, eye_radius, lid_reach, lift_lids
+from render.decoder.lines import Line, Lips, eye_radius, lid_reach, lift_lids
 from render.types import Floats, Ints
 
 GEOMETRY_STEPS = np.float32(128)  # a millimetre; int16 reaches 256 mm
@@ -43,6 +43,7 @@ class Posing:
     eyeballs: tuple[Ints, Ints]  # vertex sets, left eye first
     lids: tuple[Ints, Ints]  # vertices that slide on each eyeball
     mouth: Line
+    lips: Lips
     lid_lines: tuple[Line, Line]
     blinks: tuple[int, int]  # rig columns of eyeBlink, left eye first
     jaw: tuple[int, int]  # rig columns of jawOpen and of mouthClose, which only undoes it
@@ -79,6 +80,7 @@ class Posing:
         rig[closed] = min(rig[closed], max(rig[opened], 0.0) + CLOSE_MARGIN)
         vertices = self._blendshapes(rig, rest)
         self.mouth.part(vertices)
+        self.lips.part(vertices, rest.geometry)
         for line in self.lid_lines:
             line.part(vertices)
         for eye, members in enumerate(self.eyeballs):

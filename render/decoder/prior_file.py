@@ -13,7 +13,7 @@ from render.decoder.coding import Coding
 from render.decoder.cover import bared, cover, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
-from render.decoder.lines import Line
+from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
 from render.types import Density
 
@@ -115,6 +115,7 @@ def posing(t: Tensors, regions: dict[str, NDArray[np.int32]]) -> Posing:
         eyeballs=(regions["eyeball_l"], regions["eyeball_r"]),
         lids=(t["lids_l"], t["lids_r"]),
         mouth=Line.of(t, "mouth"),
+        lips=Lips.of(template(t), regions["lips_upper"], regions["lips_lower"]),
         lid_lines=(Line.of(t, "lid_l"), Line.of(t, "lid_r")),
         blinks=(int(t["columns"][0]), int(t["columns"][1])),
         jaw=(int(t["columns"][2]), int(t["columns"][3])),

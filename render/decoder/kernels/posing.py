@@ -75,6 +75,33 @@ def move_apart(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def unpress(
+    vertices: Floats,  # [V, 3] mm, changed in place
+    rest: Floats,  # [V, 3] mm, of the same person
+    members: Ints,  # [M] vertices of both lips
+    upper: Ints,  # [P] rows of these that face ...
+    lower: Ints,  # [P] ... these
+    least: np.float32,  # mm that may cross, more than at rest
+    passes: int,
+) -> None:
+    """Each vertex goes half of the way out of the deepest of its pairs."""
+    zero, half = np.float32(0), np.float32(0.5)
+    for _ in range(passes):
+        by, deepest = np.zeros(len(members), np.float32), zero
+        for pair in range(len(upper)):
+            i, j = np.uintp(upper[pair]), np.uintp(lower[pair])
+            u, v = np.uintp(members[i]), np.uintp(members[j])
+            allowed = min(rest[u, 1] - rest[v, 1], zero) - least
+            deep = half * (allowed - (vertices[u, 1] - vertices[v, 1]))
+            by[i], by[j] = max(by[i], deep), min(by[j], -deep)
+            deepest = max(deepest, deep)
+        if deepest <= zero:
+            return
+        for m in range(len(members)):
+            vertices[np.uintp(members[m]), 1] += by[m]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def push_out(
     vertices: Floats,  # [V, 3] mm, changed in place
     members: Ints,  # [M] vertices

@@ -9,6 +9,7 @@ from scipy.sparse import csr_array
 
 from render.decoder import mesh_parts, surface
 from render.decoder.learned.atlas import HEIGHT, WIDTH
+from render.decoder.lines import Lips
 from render.decoder.posing import Posing, sphere_centre
 from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.training.geometry import contact_lines
@@ -128,6 +129,7 @@ def posing(face: FaceData) -> Posing:
         eyeballs=eyeballs,
         lids=(lids[0], lids[1]),
         mouth=contact_lines.mouth(face),
+        lips=Lips.of(face.neutral, face.regions["lips_upper"], face.regions["lips_lower"]),
         lid_lines=(contact_lines.lid(face, "l"), contact_lines.lid(face, "r")),
         blinks=(column("eyeBlink_L"), column("eyeBlink_R")),
         jaw=(column("jawOpen"), column("mouthClose")),

@@ -8,6 +8,7 @@ from render.decoder import identity, posing
 from render.decoder.decoder import Decoder
 from render.decoder.highlights import OPACITY as HIGHLIGHT_OPACITY
 from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
+from render.evaluation.metrics import LipCrossing
 from render.types import AHEAD
 
 COLUMNS = 55  # 53 shapes of the rig and 2 of the tongue
@@ -53,6 +54,23 @@ def test_lips_never_cross(decoder):
         rig[rng.choice(53, 8)] = rng.uniform(0.3, 1, 8)
         posed = decoder.posing.pose(rig, AHEAD, rest)
         assert decoder.posing.mouth.gaps(posed).min() > -0.3
+
+
+PRESSED = (
+    {"mouthRollUpper": 0.9, "mouthShrugLower": 0.9},
+    {"mouthPucker": 0.9, "mouthFunnel": 0.8},
+    {"mouthPress_L": 0.9, "mouthPress_R": 0.9, "mouthRollUpper": 0.6},
+)
+
+
+@pytest.mark.parametrize("activations", PRESSED)
+def test_lips_that_press_do_not_cross_away_from_their_line(decoder, activations):
+    """By the measure of the evaluation, which pairs the vertices of each person anew."""
+    upper, lower = decoder.regions["lips_upper"], decoder.regions["lips_lower"]
+    for seed in range(4):
+        rest = decoder.posing.rest(strange_face(seed).astype(np.float32))
+        posed = decoder.posing.pose(rig_of(decoder, **activations), AHEAD, rest)
+        assert LipCrossing(rest.geometry, upper, lower).depth_mm(posed) < 0.3
 
 
 def test_closing_the_mouth_only_undoes_the_jaw(decoder):
