@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from render.types import Gaussians, Renderer
 
 Light = Literal["studio", "soft", "evening", "rim"]
-Sheet = Literal["portrait", "poses", "views", "speech", "eyes", "moods", "lights"]
+Sheet = Literal["portrait", "poses", "views", "speech", "eyes", "moods", "heads", "lights"]
 Pose = Literal["neutral", "smile", "jaw open", "blink", "gaze", "profile"]
 
 
@@ -128,6 +128,8 @@ def _views(
 
     if settings.traverse:
         return sheet.traversals(decoder, who, shoot)
+    if settings.sheet == "heads":
+        return sheet.turned(decoder, who, shoot)
     if settings.sheet == "lights":
         return sheet.lights(who, shoot, settings.gaussians)
     return sheet.avatar(decoder, who, shoot, sheet.SHEETS[settings.sheet])

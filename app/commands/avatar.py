@@ -36,7 +36,8 @@ class ShowAvatar:
     size: int = 512
     """Width and height of each view, in pixels."""
     sheet: Sheet = "poses"
-    """What to draw: one portrait, four lights, or six poses, views, sounds, gazes or moods."""
+    """What to draw: one portrait, four lights, or six poses, views, sounds, gazes,
+    moods or turns of the head."""
     light: Light = "studio"
     """Lighting."""
     traverse: bool = False

@@ -1,6 +1,7 @@
 """Contact sheets: an avatar in the expressions by which faces are judged."""
 
 from collections.abc import Callable, Iterator
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.lighting import LIGHTINGS
 from render.types import AHEAD, Density, Gaussians, Renderer
+from sensors.rotation import from_angles
+from sensors.types import HeadPose
 
 Picture = NDArray[np.uint8]
 Shoot = Callable[[Gaussians, float], Picture]  # a cloud from a yaw of the camera, in degrees
@@ -77,6 +80,15 @@ MOODS: dict[str, Pose] = {
     ),
 }  # fmt: skip
 PORTRAIT: dict[str, Pose] = {"portrait": ({}, AHEAD, 15.0)}
+# Degrees: pitch > 0 down, yaw > 0 to the subject's left, roll > 0 to its right shoulder.
+HEADS = {
+    "left": (0, 30, 0),
+    "right": (0, -30, 0),
+    "down": (20, 0, 0),
+    "up": (-20, 0, 0),
+    "right shoulder": (0, 0, 15),
+    "left shoulder": (0, 0, -15),
+}
 SHEETS = {
     "portrait": PORTRAIT,
     "poses": POSES,
@@ -107,6 +119,16 @@ def avatar(
         shoot(decoder.decode(code(decoder, activations), looking, who)[1], yaw)
         for activations, looking, yaw in poses.values()
     ]
+
+
+def turned(decoder: Decoder, who: Identity, shoot: Shoot) -> list[Picture]:
+    """One picture a pose of the head on its neck, in the order of HEADS."""
+    calm = code(decoder, {})
+    heads = (
+        HeadPose(quat=from_angles((radians(a), radians(b), radians(c))))
+        for a, b, c in HEADS.values()
+    )
+    return [shoot(decoder.decode(calm, AHEAD, who, head)[1], 0.0) for head in heads]
 
 
 def lights(who: Identity, shoot: Shoot, gaussians: Density) -> list[Picture]:
