@@ -5,22 +5,21 @@ At 30 Hz the weights leave the caches between two ticks: a hot loop flatters by 
 
 import os
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from app.terminal.thresholds import at_most
 
+if TYPE_CHECKING:
+    from app.compose.settings import DriveSettings
 
-def measure_tick(
-    session: Path, avatar: str, size: int, device: Literal["auto", "cpu", "cuda"]
-) -> dict[str, Any]:
+
+def measure_tick(session: Path, settings: "DriveSettings") -> dict[str, Any]:
     """Replay a session in real time; the report holds metrics and thresholds."""
     import psutil
 
     from app.compose.replay import replay
-    from app.compose.settings import DriveSettings
     from app.sinks.progress import ProgressSink
 
-    settings = DriveSettings(avatar=avatar, size=size, device=device, realtime=True, draw=True)
     measured = replay(session, settings, [ProgressSink()])
     stages = measured["stages"]
     metrics = {f"{s}_{k}": v for s, values in stages.items() for k, v in values.items()}

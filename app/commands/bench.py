@@ -8,6 +8,7 @@ from typing import Any, Literal
 from tyro.conf import Positional
 
 from app.terminal.arguments import File
+from render.types import Density
 
 What = Literal[
     "tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers", "xr"
@@ -33,6 +34,8 @@ class Bench:
     """Avatar to drive."""
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
+    gaussians: Density = "32k"
+    """Gaussians of the head without hair (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where the networks run."""
     minutes: float = 20.0
@@ -69,8 +72,17 @@ class Bench:
 
     def _tick(self) -> dict[str, Any]:
         from app.bench.tick import measure_tick
+        from app.compose.settings import DriveSettings
 
-        return measure_tick(self.session, self.avatar, self.size, self.device)
+        settings = DriveSettings(
+            avatar=self.avatar,
+            size=self.size,
+            gaussians=self.gaussians,
+            device=self.device,
+            realtime=True,
+            draw=True,
+        )
+        return measure_tick(self.session, settings)
 
     def _render(self) -> dict[str, Any]:
         from app.bench.render import measure_render
