@@ -23,7 +23,9 @@ class EvalSpeech:
     settings: OmitArgPrefixes[SpeechSettings] = field(default_factory=SpeechSettings)
 
     def run(self) -> None:
-        if self.settings.leave_one_out:
+        if self.settings.leave_one_out and self.settings.strips:
+            from app.eval.speech.strips import evaluate
+        elif self.settings.leave_one_out:
             from app.eval.speech.leave_out import evaluate
         elif self.settings.peers:
             from app.eval.speech.baselines import evaluate

@@ -71,6 +71,41 @@ def save_ratios(
     return path
 
 
+def save_classes(
+    path: Path, classes: Sequence[str], panels: Mapping[str, Sequence[np.ndarray]]
+) -> Path:
+    """Write a figure of classes of phones to `path` and return it.
+
+    panels: title -> for each class [2, 2]: mean and 95th percentile, shown and tracked. Bars are
+    means, ticks the percentiles.
+    """
+    import matplotlib
+
+    matplotlib.use("agg")
+    from matplotlib import pyplot
+
+    figure: Any
+    axes: Any
+    figure, axes = pyplot.subplots(
+        len(panels), 1, figsize=(9, 2.1 * len(panels)), squeeze=False, sharex=True,
+        constrained_layout=True,
+    )  # fmt: skip
+    places = np.arange(len(classes))
+    for panel, (title, rows) in zip(axes.flat, panels.items(), strict=True):
+        for side, (name, colour) in enumerate((("shown", "C0"), ("tracked", "0.6"))):
+            at, values = places + 0.4 * side - 0.2, np.array([row[:, side] for row in rows])
+            panel.bar(at, values[:, 0], 0.36, label=name, color=colour)
+            panel.plot(at, values[:, 1], "_", color=colour, markersize=11, mew=2)
+        panel.axhline(0, color="gray", linewidth=0.5)
+        panel.set(ylabel=title)
+        panel.set_xticks(places, classes)
+    axes.flat[0].legend(fontsize="small")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    figure.savefig(files.create(path), dpi=110)
+    pyplot.close("all")
+    return path
+
+
 def save(
     folder: Path, shifts: Mapping[str, list[float]], curves: Mapping[str, dict[str, list[float]]]
 ) -> list[Path]:

@@ -10,8 +10,8 @@ if TYPE_CHECKING:
     from encoder.capture.motion.contacts import LipGeometry, TeethGeometry
 
 Floats = NDArray[np.float32]
-# The upper teeth in the face data's order of vertices, where the decoder names no such set.
-TEETH_UPPER = np.arange(17_039, 19_247)
+# Teeth in the face data's order of vertices, where the decoder names no such sets.
+TEETH_UPPER, TEETH_LOWER = np.arange(17_039, 19_247), np.arange(19_247, 21_451)
 
 
 def every_face() -> tuple[Callable[[Floats], list[Floats]], dict[str, NDArray[np.int32]]]:

@@ -7,12 +7,13 @@ import numpy as np
 
 if TYPE_CHECKING:
     from encoder.evaluation.judging import FaceMesh
+    from encoder.evaluation.metrics import LipMarks
+    from render.decoder.decoder import Decoder
 
 
 def face_mesh(avatar: str) -> "FaceMesh":
     """Vertex sets `lips` and `upper_face`, head at rest, mm."""
     from encoder.evaluation.judging import FaceMesh
-    from encoder.evaluation.metrics import LipMarks
     from render.decoder import identity
     from render.decoder.decoder import Decoder
 
@@ -31,9 +32,17 @@ def face_mesh(avatar: str) -> "FaceMesh":
     def blink(codes: np.ndarray) -> np.ndarray:
         return decoder.rig(codes)[..., blinks].mean(-1)
 
+    marks = lip_marks(decoder, who.geometry)
+    return FaceMesh(moving(lips), moving(upper_face), blink, marks)
+
+
+def lip_marks(decoder: "Decoder", rest: np.ndarray) -> "LipMarks":
+    """Of the region `lips`, from a person's vertices [V, 3] mm at rest."""
+    from encoder.evaluation.metrics import LipMarks
+
+    lips = decoder.regions["lips"]
     upper, lower = (
         np.flatnonzero(np.isin(lips, decoder.regions[f"lips_{part}"]))
         for part in ("upper", "lower")
     )
-    marks = LipMarks.find(who.geometry[lips], upper, lower)
-    return FaceMesh(moving(lips), moving(upper_face), blink, marks)
+    return LipMarks.find(rest[lips], upper, lower)

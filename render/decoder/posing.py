@@ -75,10 +75,7 @@ class Posing:
 
     def pose(self, rig: Floats, gaze: Floats, rest: Rest) -> Floats:
         """rig [R], gaze [2, 3] unit vectors -> vertices [V, 3] mm, head at rest."""
-        rig = limit(rig)
-        opened, closed = self.jaw
-        rig[closed] = min(rig[closed], max(rig[opened], 0.0) + CLOSE_MARGIN)
-        vertices = self._blendshapes(rig, rest)
+        vertices = self._blendshapes(self.limited(rig), rest)
         self.mouth.part(vertices)
         self.lips.part(vertices, rest.geometry)
         for line in self.lid_lines:
@@ -88,6 +85,14 @@ class Posing:
                 *(rest.geometry, members, rest.eye_centers[eye], gaze_rotation(gaze[eye]), vertices)
             )
         return vertices
+
+    def limited(self, rig: Floats) -> Floats:  # [..., R] -> [..., R]
+        """Activations as they are drawn: drawn in, and mouthClose never beyond jawOpen."""
+        rig = limit(rig)
+        opened, closed = self.jaw
+        most = np.maximum(rig[..., opened], np.float32(0)) + np.float32(CLOSE_MARGIN)
+        rig[..., closed] = np.minimum(rig[..., closed], most)
+        return rig
 
     def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
         vertices = np.empty_like(rest.geometry)

@@ -2,32 +2,34 @@
 
 Each talker of the motion folder is driven live by the student in DATA/leave_out that was trained
 without that talker (or without several), and compared with the tracked motion of the same clip. The
-audio encoder is trained on none of them.
+audio encoder is trained on none of them. What lips and teeth do for each class of phones is
+measured on the same clips (articulation.py).
 """
 
 # pyright: reportMissingTypeStubs=false
 
-import json
-from collections.abc import Callable, Iterator
-from dataclasses import replace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sensors.types import InputError
+from app.eval.speech.following import (
+    Change,
+    Followed,
+    drivers_of,
+    followed,
+    tracked_folder,
+    tracked_takes,
+)
 
 if TYPE_CHECKING:
     from app.eval.speech.settings import SpeechSettings
-    from encoder.capture.made import Take
-    from encoder.driver import Driver
     from encoder.evaluation.judging import FaceMesh
 
 RATE = 48_000
-LONGEST_S = 30.0
 BABBLE_DB = 10.0
 TELEPHONE_HZ = 3400.0
-Change = Callable[[np.ndarray], np.ndarray]  # [n] at 48 kHz
 COLUMNS = (
     "r", "r_fast", "r_best", "shift_ms", "p95_ratio", "width_r", "width_ratio", "shut_initial",
     "shut_inside",
@@ -35,26 +37,29 @@ COLUMNS = (
 
 
 def evaluate(data: Path, settings: "SpeechSettings") -> None:
-    """Print tables of talkers (clean, with babble, through a telephone band) and thresholds.
+    """Print tables of talkers (clean, with babble, through a telephone band), of classes of phones,
+    and thresholds.
 
     Raises InputError where talkers or students are missing.
     """
+    from app.eval.speech import articulation
     from app.face.mesh import face_mesh
     from app.terminal.thresholds import at_least, at_most, finish
+    from encoder.evaluation.articulation import figures
 
-    if settings.mocap is None or not settings.mocap.is_dir():
-        raise InputError(
-            f"--leave-one-out: expected a folder of tracked faces, got {settings.mocap}; "
-            "give --mocap FOLDER"
-        )
+    folder = tracked_folder(settings.mocap)
     mesh = face_mesh(settings.avatar)
     drivers = drivers_of(data, settings.weights)
-    takes = {name: list(tracked_takes(settings.mocap, name)) for name in drivers}
+    takes = {name: list(tracked_takes(folder, name)) for name in drivers}
     others = [take.audio for name in takes for take in takes[name][:2]]
     changes = {"": None, "babble_": babble(others, settings.seed), "telephone_": telephone()}
     metrics: dict[str, float] = {}
+    said = None
     for prefix, change in changes.items():
-        rows = {n: figures_of(drivers[n], takes[n], mesh, change) for n in drivers}
+        clips = {n: followed(drivers[n], takes[n], change) for n in drivers}
+        rows = {n: figures_of(clips[n], mesh) for n in drivers}
+        if change is None:
+            said = articulation.tokens_of(clips, settings.avatar)
         show(rows, prefix)
         for name, row in rows.items():
             metrics |= {f"{prefix}{name}/{figure}": value for figure, value in row.items()}
@@ -74,6 +79,12 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
         at_most("r lost to babble at 10 dB", mean["r"] - metrics["babble_mean/r"], 0.05),
         at_most("r lost to 3.4 kHz", mean["r"] - metrics["telephone_mean/r"], 0.05),
     ]
+    assert said is not None
+    articulation.show(said)
+    metrics |= {f"{articulation.ROW}/{name}": value for name, value in figures(said).items()}
+    thresholds += articulation.thresholds(metrics)
+    if settings.plots:
+        print(f"wrote {articulation.save_plot(settings.plots, said)}")
     facts = {"seed": settings.seed, "avatar": settings.avatar}
     rounded = {name: round(value, 4) for name, value in metrics.items()}
     finish({"metrics": rounded, "bars": thresholds, **facts}, settings.report)
@@ -114,71 +125,11 @@ def telephone() -> Change:
     return lambda sound: np.asarray(filters.sosfilt(band, sound)).astype(np.float32)
 
 
-def drivers_of(data: Path, weights: Path | None) -> dict[str, "Driver"]:
-    """Talker -> live driver whose student was trained without that talker, and with most others."""
-    from encoder import inference
-    from encoder.backends import create_backend
-    from encoder.driver import Driver
-
-    folders = [path.parent for path in (data / "leave_out").glob("*/student.json")]
-    folders.sort(key=lambda folder: -folder.name.count("+"))
-    found = {talker: folder for folder in folders for talker in folder.name.split("+")}
-    if not found:
-        raise InputError(
-            f"--leave-one-out: expected students in {data / 'leave_out'}, found none; run "
-            "livedrive train distill --leave-out grid-s2, and so on"
-        )
-    networks, _ = inference.load_networks(weights)
-    result: dict[str, Driver] = {}
-    for talker, folder in sorted(found.items()):
-        config, student, card = inference.load_student(folder, "gaze")
-        if card["audio_sha256"] != networks_sha256(weights):
-            raise InputError(
-                f"{folder}: expected a student of the audio encoder under evaluation, got one of "
-                "another; train it again"
-            )
-        result[talker] = Driver(
-            create_backend(replace(networks, config=config, denoiser=student)),
-            config,
-            mean=student["expression_mean"],
-            std=student["expression_std"],
-        )
-    return result
-
-
-def networks_sha256(weights: Path | None) -> str:
-    from encoder import inference
-
-    return json.loads(((weights or inference.WEIGHTS) / "audio.json").read_text())["sha256"]
-
-
-def tracked_takes(folder: Path, talker: str) -> "Iterator[Take]":
-    """Takes of a talker with tracked motion only, nothing completed by rules."""
-    from encoder.capture.subjects import mocap
-
-    if talker == "facegood":
-        yield from mocap.facegood_takes(folder / "facegood", (0,))
-        return
-    speaker = talker.removeprefix("grid-")
-    for part in sorted(path.parent for path in folder.glob("*/labels.npz")):
-        if speaker in mocap.grid_speakers(part):
-            yield from mocap.grid_takes(part, speaker, None, (0,), completed=False)
-
-
-def figures_of(
-    driver: "Driver", takes: "list[Take]", mesh: "FaceMesh", change: Change | None = None
-) -> dict[str, float]:
-    from app.eval.speech.live import drive
-    from encoder.capture.speech.phones import unpack_phones
+def figures_of(clips: Sequence[Followed], mesh: "FaceMesh") -> dict[str, float]:
     from encoder.evaluation import talkers
-    from render.decoder.decoder import Decoder
 
-    decoder, judged = Decoder.load(), list[talkers.TalkerClip]()
-    for take in takes:
-        count = min(take.clip.num_frames, int(LONGEST_S * 30))
-        sound = take.audio[: count * 1600]
-        shown = drive(driver, sound if change is None else change(sound), 0)
-        codes = decoder.encode(take.clip.rig[:count].astype(np.float32))
-        phones = unpack_phones(take.clip.spans)
-        judged.append(talkers.TalkerClip(mesh.lips(shown), mesh.lips(codes), phones))
+    judged = [
+        talkers.TalkerClip(mesh.lips(clip.shown), mesh.lips(clip.tracked), clip.phones)
+        for clip in clips
+    ]
     return talkers.figures(judged, mesh.marks)

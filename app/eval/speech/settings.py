@@ -34,5 +34,9 @@ class SpeechSettings(EvalSettings):
     a page for each twin to vote on."""
     ablations: bool = False
     """Instead: the paper's ablations (tables 2 and 3, losses), of what was trained in DATA."""
+    strips: File = None
+    """With --leave-one-out, instead of tables: folder for pictures of eight voices' mouths at named
+    phones, shown and tracked."""
     plots: File = None
-    """Folder for plots: loss curves, and the error over a constant shift."""
+    """Folder for plots: loss curves, and the error over a constant shift; with --leave-one-out,
+    what lips and teeth do for each class of phones."""
