@@ -1,0 +1,47 @@
+"""Strips of mouths: which frames they show, and how they are laid out."""
+
+import numpy as np
+import pytest
+
+from app.eval.speech import strips
+from app.eval.speech.following import Followed, tracked_folder
+from encoder.capture.speech.phones import Phone
+from sensors.types import InputError
+
+FRAMES = 60
+CODES = np.arange(FRAMES, dtype=np.float32)[:, None].repeat(256, 1)
+
+
+def clip(*phones: Phone) -> Followed:
+    return Followed(CODES, 100 + CODES, phones)
+
+
+def test_the_longest_phone_of_the_best_kind_is_shown_at_its_middle():
+    first = clip(Phone("b", 0, 0.4), Phone("m", 0.4, 0.5), Phone("s", 0.5, 0.6))
+    second = clip(Phone("s", 1.0, 1.2), Phone("m", 1.9, 2.9))  # the last goes beyond the clip
+    found = dict(zip(strips.KINDS, strips.shots([first, second]), strict=True))
+    assert found["th"] is None and found["u"] is None
+    m, s = found["m"], found["s"]
+    assert m is not None and s is not None
+    assert m.phone == "m" and m.shown[0] == round(0.45 * 30) - 1
+    assert s.phone == "s" and s.shown[0] == 32 and s.tracked[0] == 132
+
+
+def test_a_strip_shows_above_what_is_tracked():
+    def draw(code: np.ndarray) -> np.ndarray:
+        return np.full((strips.HEIGHT_PX, strips.WIDTH_PX, 3), code[0], np.uint8)
+
+    shot = strips.MouthShot("s", np.full(256, 40), np.full(256, 120))
+    page = strips.strip("somebody", [None, shot], draw)
+    assert page.shape == (2 * (strips.HEIGHT_PX + strips.LABEL_PX), 2 * strips.WIDTH_PX, 3)
+    middle = page[:, strips.WIDTH_PX + 20, 0]
+    below = strips.LABEL_PX + strips.HEIGHT_PX
+    assert (middle[strips.LABEL_PX : below] == 40).all()
+    assert (middle[below : below + strips.HEIGHT_PX] == 120).all()
+    label = page[-strips.LABEL_PX :]
+    assert label[:, strips.WIDTH_PX :].min() < 100 and label[:, : strips.WIDTH_PX].min() == 255
+
+
+def test_a_folder_of_tracked_faces_is_asked_for():
+    with pytest.raises(InputError, match="--mocap FOLDER"):
+        tracked_folder(None)
