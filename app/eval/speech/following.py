@@ -79,8 +79,9 @@ def networks_sha256(weights: Path | None) -> str:
     return json.loads(((weights or inference.WEIGHTS) / "audio.json").read_text())["sha256"]
 
 
-def tracked_takes(folder: Path, talker: str) -> "Iterator[Take]":
-    """Takes of a talker with tracked motion only, nothing completed by rules."""
+def tracked_takes(folder: Path, talker: str, last: int | None = None) -> "Iterator[Take]":
+    """Takes of a talker with tracked motion only, nothing completed by rules; `last`: so many from
+    the end, those for tests among them."""
     from encoder.capture.subjects import mocap
 
     if talker == "facegood":
@@ -89,7 +90,7 @@ def tracked_takes(folder: Path, talker: str) -> "Iterator[Take]":
     speaker = talker.removeprefix("grid-")
     for part in sorted(path.parent for path in folder.glob("*/labels.npz")):
         if speaker in mocap.grid_speakers(part):
-            yield from mocap.grid_takes(part, speaker, None, (0,), completed=False)
+            yield from mocap.grid_takes(part, speaker, None, (0,), completed=False, last=last)
 
 
 def followed(driver: "Driver", takes: "list[Take]", change: Change | None = None) -> list[Followed]:

@@ -3,7 +3,8 @@
 A strip is one voice: what the avatar shows at the middle of a phone, and below it the same avatar
 moved by the tracked curves of the same frame, which know little of lips' width and nothing of the
 tongue. Talkers that were left out come first; others are driven by the student of --weights, which
-may know their voice. A phone is the longest of its kind in the talker's clips.
+may know their voice. A phone is the one of median length among its kind: the longest are
+often misaligned.
 """
 
 from collections.abc import Iterator, Sequence
@@ -40,7 +41,7 @@ KINDS: dict[str, tuple[str, ...]] = {  # column -> phones that may stand in it, 
     "u": ("uw", "uh"),
 }
 VOICES = 8
-CLIPS = 20  # of a talker, at most
+CLIPS = 20  # of a talker, at most: the last, which are for tests in a folder of one
 SIZE_PX, WIDTH_PX, HEIGHT_PX = 1024, 300, 240  # of a portrait, and of the mouth in it
 LABEL_PX = 36
 
@@ -54,12 +55,12 @@ class MouthShot(NamedTuple):
 
 
 def shots(clips: Sequence[Followed]) -> list[MouthShot | None]:
-    """The longest phone of the best kind there is for each column, at its middle; None: never
-    said."""
+    """For each column the phone of median length, at its middle, of the best kind that is said;
+    None: none is."""
     found = list[MouthShot | None]()
     for names in KINDS.values():
         said = [
-            (-names.index(phone.name), phone.end - phone.start, number, phone)
+            (names.index(phone.name), phone.end - phone.start, number, phone)
             for number, clip in enumerate(clips)
             for phone in clip.phones
             if phone.name in names and phone.end <= len(clip.shown) / FPS
@@ -67,7 +68,9 @@ def shots(clips: Sequence[Followed]) -> list[MouthShot | None]:
         if not said:
             found.append(None)
             continue
-        _, _, number, phone = max(said, key=lambda row: row[:3])
+        first = min(row[0] for row in said)
+        best = sorted((row for row in said if row[0] == first), key=lambda row: row[:3])
+        _, _, number, phone = best[len(best) // 2]
         row = max(round((phone.start + phone.end) / 2 * FPS) - 1, 0)
         found.append(MouthShot(phone.name, clips[number].shown[row], clips[number].tracked[row]))
     return found
@@ -85,7 +88,7 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
         strips.append(strip(name, shots(clips), draw))
         _save(settings.strips / f"{name.split()[0]}.jpg", strips[-1])
     path = settings.strips / "strips.jpg"
-    _save(path, np.concatenate([row[::2, ::2] for row in strips]))
+    _save(path, np.concatenate(strips), 2)
     print(f"wrote {path}, and one picture for each of {len(strips)} voices")
 
 
@@ -101,9 +104,7 @@ def _voices(data: Path, settings: "SpeechSettings") -> Iterator[tuple[str, list[
     known = load_driver(settings.weights, "cpu")
     names = sorted(dict.fromkeys(every), key=lambda name: (name not in drivers, name))
     for name in names[:VOICES]:
-        takes = list(tracked_takes(folder, name))[
-            -CLIPS:
-        ]  # a one-speaker folder ends in test clips
+        takes = list(tracked_takes(folder, name, CLIPS))
         title = name if name in drivers else f"{name} (a voice it has learned from)"
         yield title, followed(drivers.get(name, known), takes)
 
@@ -147,7 +148,8 @@ def strip(title: str, row: Sequence[MouthShot | None], draw: Any) -> Pixels:
     return np.asarray(page)
 
 
-def _save(path: Path, pixels: Pixels) -> None:
+def _save(path: Path, pixels: Pixels, times: int = 1) -> None:
+    """Write a JPEG, so many times smaller."""
     from PIL import Image
 
-    Image.fromarray(pixels).save(files.create(path), quality=80)
+    Image.fromarray(pixels).reduce(times).save(files.create(path), quality=72)

@@ -117,6 +117,7 @@ def grid_takes(
     seed: tuple[int, ...],
     *,
     completed: bool = True,  # False: nothing but what was tracked, to judge by
+    last: int | None = None,  # of the speaker's clips, so many from the end
 ) -> Iterator[Take]:
     """One speaker's clips; those without a face, or whose lips do not follow their sound, are left
     out. A one-speaker folder keeps its last 50 clips for tests.
@@ -132,7 +133,7 @@ def grid_takes(
     curves, aligner = tracked.speaker_curves(weights[chosen], names), EnglishAligner()
     takes = [
         (clips[i], read_audio(folder / "audio" / f"{clips[i]}.ogg"), curve)
-        for i, curve in zip(chosen, curves, strict=True)
+        for i, curve in list(zip(chosen, curves, strict=True))[-last if last else None :]
         if clips[i] in spans and not np.isnan(curve).any()
     ]
     for clip, audio, curve in takes:

@@ -145,11 +145,13 @@ def test_grid_clips_get_their_phones_where_they_are_said(tmp_path):
     said = speak_flite("bin blue at f two now", "slt")
     sound = np.concatenate([np.zeros(24_000, np.float32), said.audio, np.zeros(24_000, np.float32)])
     (tmp_path / "audio").mkdir()
-    soundfile.write(tmp_path / "audio" / "bbaf2n.ogg", sound, 48_000)
+    for clip in ("bbaf1n", "bbaf2n"):
+        soundfile.write(tmp_path / "audio" / f"{clip}.ogg", sound, 48_000)
     starts = [round(25_000 * (0.5 + len(said.audio) / 48_000 * k / 6)) for k in range(7)]
     words = ["bin", "blue", "at", "f", "two", "now"]
     rows = [f"{a} {b} {w}" for a, b, w in zip(starts, starts[1:], words, strict=False)]
-    (tmp_path / "alignments.tsv").write_text(f"clip\twords\nbbaf2n\t{' ; '.join(rows)} ;\n")
+    lines = [f"{clip}\t{' ; '.join(rows)} ;\n" for clip in ("bbaf1n", "bbaf2n")]
+    (tmp_path / "alignments.tsv").write_text("clip\twords\n" + "".join(lines))
     frames = len(sound) // 1920  # 25 FPS
     moved = speech_curves(
         [Phone(p.name, p.start + 0.5, p.end + 0.5) for p in said.phones], sound, Style(),
@@ -157,12 +159,12 @@ def test_grid_clips_get_their_phones_where_they_are_said(tmp_path):
     ).rig  # fmt: skip
     at = np.arange(frames) * 30 / 25
     jaw = np.interp(at, np.arange(len(moved)), moved[:, JAW_OPEN])
-    weights = jaw[None, :, None].astype(np.float16)
+    weights = jaw[None, :, None].repeat(2, 0).astype(np.float16)
     np.savez(
         tmp_path / "labels.npz", weights=weights, names=np.array(["jawOpen"]),
-        clips=np.array(["bbaf2n"]), fps=np.array(25),
+        clips=np.array(["bbaf1n", "bbaf2n"]), fps=np.array(25),
     )  # fmt: skip
-    (taken,) = mocap.grid_takes(tmp_path, "s1", None, (0,))
+    (taken,) = mocap.grid_takes(tmp_path, "s1", None, (0,), last=1)
     phones = [PHONES[i] for i in taken.clip.phones if i > 0]
     assert phones[0] == "b" and phones[-1] == "aw" and "f" in phones
     b = np.flatnonzero(taken.clip.phones == PHONES.index("b"))

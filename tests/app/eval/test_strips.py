@@ -16,9 +16,13 @@ def clip(*phones: Phone) -> Followed:
     return Followed(CODES, 100 + CODES, phones)
 
 
-def test_the_longest_phone_of_the_best_kind_is_shown_at_its_middle():
+def test_the_phone_of_median_length_of_the_best_kind_is_shown_at_its_middle():
     first = clip(Phone("b", 0, 0.4), Phone("m", 0.4, 0.5), Phone("s", 0.5, 0.6))
-    second = clip(Phone("s", 1.0, 1.2), Phone("m", 1.9, 2.9))  # the last goes beyond the clip
+    second = clip(
+        Phone("s", 0, 0.9),
+        Phone("s", 1.0, 1.2),
+        Phone("m", 1.9, 2.9),  # beyond the clip's end
+    )
     found = dict(zip(strips.KINDS, strips.shots([first, second]), strict=True))
     assert found["th"] is None and found["u"] is None
     m, s = found["m"], found["s"]
