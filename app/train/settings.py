@@ -6,7 +6,7 @@ from typing import Literal
 
 Stage = Literal[
     "prior", "audio", "diffusion", "distill", "listen", "contact", "regression", "gaze", "eyes",
-    "wide-eyes", "multimodal", "emotion", "peers",
+    "wide-eyes", "multimodal", "emotion", "peers", "landmarks",
 ]  # fmt: skip
 Variant = Literal[
     "none", "plain", "centred", "causal", "offline", "lookahead",

@@ -37,10 +37,16 @@ class Maker:
         self.posing, self.surface = fields["posing"], fields["surface"]
         self.faces, self.regions = fields["faces"], fields["regions"]
         self.template = prior_file.template(self._t)
+        self.rig_names: list[str] = fields["rig_names"]
         self.anchor_triangles = self._t["anchor_triangles"].astype(np.int32)
         self.surface_kinds = self._t["vertex_kinds"]
         self.anchor_kinds, self.anchor_uv = self._t["anchor_kinds"], self._t["anchor_uv"]
         self._context = context
+
+    @cached_property
+    def gloss(self) -> Floats:
+        """[N] of bare skin, see Identity."""
+        return self._t["anchor_gloss"].astype(np.float32) / np.float32(GLOSS_STEPS)
 
     @cached_property
     def solid(self) -> NDArray[np.int32]:
@@ -80,7 +86,7 @@ class Maker:
             name=name,
             rest=rest,
             albedo=self.albedo(skin, eye),
-            gloss=self._t["anchor_gloss"].astype(np.float32) / np.float32(GLOSS_STEPS),
+            gloss=self.gloss,
             opacity_factors=self.hem(),
             visibility=np.ascontiguousarray(visibility.T),
             biases=self.biases(rest, skin, bald[:, :2]),

@@ -27,7 +27,7 @@ def paint(maker: Maker, geometry: Floats, scan: Scan) -> Floats:  # [1024, 2048,
         centre = sphere_centre(geometry[eye])
         radius = np.median(np.linalg.norm(geometry[eye] - centre, axis=1))
         skin &= np.linalg.norm(scan.places - centre, axis=1) > radius + LID_MM
-    distance, near = KDTree(scan.places[skin]).query(_places(maker, geometry), k=NEIGHBOURS)
+    distance, near = KDTree(scan.places[skin]).query(places(maker, geometry), k=NEIGHBOURS)
     picture = scan.colors[skin][near].mean(1).reshape(SIZE, 2 * SIZE, 3)
     low, high = HOLE_MM
     known = np.clip((high - distance[:, 0]) / (high - low), 0, 1).reshape(SIZE, 2 * SIZE, 1)
@@ -38,20 +38,24 @@ def paint(maker: Maker, geometry: Floats, scan: Scan) -> Floats:  # [1024, 2048,
     return np.asarray(large, np.float32) / np.float32(255)
 
 
-def _places(maker: Maker, geometry: Floats) -> Floats:  # [SIZE * 2 * SIZE, 3] mm
-    """Where the texels lie: between those Gaussians that have a place in the atlas."""
+def places(maker: Maker, values: Floats) -> Floats:  # [V, C] -> [SIZE * 2 * SIZE, C]
+    """What vertices have, at the texels: e.g. where these lie, in mm."""
     head = maker.surface
+    return over_atlas(maker, (head.interpolate @ values[head.used]))
+
+
+def over_atlas(maker: Maker, values: Floats) -> Floats:  # [N, C] -> [SIZE * 2 * SIZE, C]
+    """What Gaussians have, between those that have a place in the atlas."""
     on_skin = maker.anchor_kinds == mesh_parts.SKIN
-    uv = maker.anchor_uv[on_skin].astype(np.float64)
-    at = (head.interpolate @ geometry[head.used])[on_skin]
+    uv, own_values = maker.anchor_uv[on_skin].astype(np.float64), values[on_skin]
     row, column = np.indices((SIZE, SIZE)).reshape(2, -1)
     texels = np.stack([(column + 0.5) / SIZE, 1 - (row + 0.5) / SIZE], 1)
     halves = []
     for tile in (0, 1):
         own = np.floor(uv[:, 0]) == tile
-        corners, values = uv[own] - np.array([tile, 0]), at[own]
-        places = LinearNDInterpolator(corners, values)(texels)
-        out = np.isnan(places[:, 0])
-        places[out] = NearestNDInterpolator(corners, values)(texels[out])
-        halves.append(places.reshape(SIZE, SIZE, 3))
-    return np.concatenate(halves, 1).reshape(-1, 3)
+        corners, known = uv[own] - np.array([tile, 0]), own_values[own]
+        found = LinearNDInterpolator(corners, known)(texels)
+        out = np.isnan(found[:, 0])
+        found[out] = NearestNDInterpolator(corners, known)(texels[out])
+        halves.append(found.reshape(SIZE, SIZE, -1))
+    return np.concatenate(halves, 1).reshape(2 * SIZE * SIZE, -1)

@@ -1,0 +1,33 @@
+"""A person from photographs on the way to an avatar: progress, what was found."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from render.avatars.maker import Maker
+    from render.types import Floats
+
+
+def head(maker: "Maker", paths: tuple[Path, ...]) -> "tuple[Floats, Floats]":
+    """-> geometry [V, 3] mm, skin atlas [1024, 2048, 3].
+
+    Raises InputError where the detector is not installed, there are too many photographs, or one
+    is no picture, too small, or does not show one face."""
+    from tqdm import tqdm
+
+    from render.avatars.photos import person, picture
+    from render.avatars.photos.detector import FaceDetector
+
+    detector = FaceDetector()
+    photos = picture.load(paths, detector)
+    detector.close()
+    with tqdm(total=100, unit="%", disable=None, leave=False) as bar:
+
+        def show(stage: str, done: float) -> None:
+            bar.set_description(stage)
+            bar.update(round(100 * done) - bar.n)
+
+        made = person.make(maker, photos, show)
+    seen = "photograph" if len(photos) == 1 else f"{len(photos)} photographs"
+    print(f"fitted {seen}: the face's points {made.left_mm:.1f} mm from where they are seen")
+    return made.geometry, made.skin

