@@ -15,7 +15,7 @@ from render import cameras
 from render.avatars import hair_transfer, lashes, registration
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import picture
+from render.avatars.photos import dress, picture
 from render.avatars.photos.detector import FaceDetector
 from render.avatars.photos.person import PhotographedHead
 from render.avatars.photos.picture import Photo
@@ -53,6 +53,8 @@ class HeldOutSitter:
     skin: Floats  # [1024, 2048, 3] stored
     eye: str
     who: Identity
+    lender: Identity  # of the hair and the shirt
+    light: str  # of the photographs
     photos: list[Photo]
 
 
@@ -89,7 +91,7 @@ class PhotoStudio:
             pitch = float(rng.uniform(-8, 8))
             shot = self.picture(who, light, yaw + float(rng.uniform(-4, 4)), pitch, distance, rig)
             photos.append(picture.seen(f"sitter {index}, {yaw:.0f}", shot, None, detector))
-        return HeldOutSitter(geometry, skin, person.eye, who, photos)
+        return HeldOutSitter(geometry, skin, person.eye, who, lender, light, photos)
 
     def picture(
         self,
@@ -109,20 +111,37 @@ class PhotoStudio:
         return self.renderer.read_rgba()[..., :3].copy()
 
     def beside(self, sitter: HeldOutSitter, found: PhotographedHead) -> NDArray[np.uint8]:
-        """[1024, 6144, 3]: three photographs, then the avatar from there, in the studio's light."""
+        """[1024, 6144, 3]: three photographs, then the avatar from there, in the same light."""
         who = self.maker.identity("made", found.geometry, found.skin, sitter.eye)
-        who = replace(who, hair=hair_transfer.transfer(sitter.who, who))
-        made = [self.picture(who, "studio", yaw) for yaw in YAWS[:3]]
+        who = replace(who, hair=hair_transfer.transfer(sitter.lender, who))
+        who = dress.dressed(self.maker, who, sitter.lender)
+        made = [self.picture(who, sitter.light, yaw) for yaw in YAWS[:3]]
         return np.concatenate([*(p.picture for p in sitter.photos[:3]), *made], 1)
 
-    def errors_mm(self, made: Floats, truth: Floats) -> Floats:  # [n] of the face's vertices
-        """After a rigid motion, without a change of size."""
+    def errors_mm(self, made: Floats, truth: Floats, scaled: bool = False) -> Floats:
+        """Of the face's vertices [n], after a rigid motion; `scaled`: and a change of size."""
         a, b = made[self.face].astype(np.float64), truth[self.face].astype(np.float64)
-        off = similarity(a, b, scaled=False).place(a) - b
+        off = similarity(a, b, scaled=scaled).place(a) - b
         return np.linalg.norm(off, axis=1).astype(np.float32)
 
 
-def colors(skin: Floats) -> Floats:  # [1024, 2048, 3] -> [256, 3] coarse, of the face
+def shape_signature(studio: PhotoStudio, geometry: Floats) -> Floats:  # [V, 3] -> [n]
+    """How a face differs from the mean face, whatever its size; of length one."""
+    mean = studio.maker.template[studio.face].astype(np.float64)
+    own = geometry[studio.face].astype(np.float64)
+    off = (similarity(own, mean, scaled=True).place(own) - mean).ravel()
+    return (off / np.linalg.norm(off)).astype(np.float32)
+
+
+def color_signature(skin: Floats, mean: Floats) -> Floats:  # [1024, 2048, 3] -> [n]
+    """How the colours of a face differ from others' `mean` of `colors`; of length one."""
+    off = (colors(skin) - mean).ravel()
+    return (off / np.linalg.norm(off)).astype(np.float32)
+
+
+def colors(skin: Floats) -> Floats:  # [1024, 2048, 3] -> [n, 3] coarse, of the middle of the face
     half = skin[:, : skin.shape[1] // 2]
     step = half.shape[0] // COARSE
-    return half.reshape(COARSE, step, COARSE, step, 3).mean((1, 3)).reshape(-1, 3)
+    coarse = half.reshape(COARSE, step, COARSE, step, 3).mean((1, 3))
+    low, high = COARSE // 5, COARSE - COARSE // 5
+    return coarse[low:high, low:high].reshape(-1, 3)

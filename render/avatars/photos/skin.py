@@ -1,9 +1,9 @@
 """The skin atlas of a person from photographs.
 
-Each photograph is projected onto the posed head where it is seen, not at a slant; the light is
-taken off (second-order spherical harmonics of the normals, Ramamoorthi and Hanrahan 2001); what
-several show is averaged, what none shows comes from the other side of the face, and what is left
-from how skins vary over a head.
+Each photograph is projected onto the posed head where it is seen, not at a slant. The light is
+taken off: its colour by the whites of the eyes, how it falls by second-order spherical harmonics
+of the normals (Ramamoorthi and Hanrahan 2001). What several show is averaged, what none shows
+comes from the other side of the face, and what is left from how skins vary over heads.
 """
 
 from dataclasses import dataclass
@@ -16,7 +16,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates, minimum_filte
 
 from render.avatars import scan_texture
 from render.avatars.maker import Maker
-from render.avatars.photos import complete
+from render.avatars.photos import complete, whites
 from render.avatars.photos.detector import LEFT_EYE, MOUTH, ON_SKIN, OVAL, RIGHT_EYE
 from render.avatars.photos.fit import FaceFit, PhotoCamera
 from render.avatars.photos.picture import Photo
@@ -28,7 +28,7 @@ CELL_PX = 3  # of the depth map
 GRID_PX = 12  # between places where the bending of a picture is computed
 BEHIND_MM = 6.0  # of what is in front: not seen
 SLANT = (0.15, 0.5)  # cosines to the viewer: from not at all to fully
-SHARPEST = 3.0  # power of the weights: who sees best decides
+SHARPEST = 8.0  # power of the weights: who sees best decides
 OPENING_PX = 2.0  # around eyes and mouth, what is in them
 FEATHER = 0.03  # share of the face's width over which its outline fades
 MOST_BEND = 0.06  # of the face's width
@@ -91,7 +91,7 @@ def project(
     weight = np.clip((cosine - SLANT[0]) / (SLANT[1] - SLANT[0]), 0, 1) * inside
     weight *= _in_front(px, x[:, 2], size, front)
     weight *= _mask(photo)[row.astype(int), column.astype(int)]
-    linear = exposed(photo.picture.astype(np.float32) / np.float32(255))
+    linear = exposed(photo.picture.astype(np.float32) / np.float32(255)) / whites.light(photo)
     at = [moved[:, 1] - 0.5, moved[:, 0] - 0.5]
     color = [map_coordinates(linear[..., c], at, order=1, mode="nearest") for c in range(3)]
     return Projection(np.stack(color, 1).astype(np.float64), turned, weight)

