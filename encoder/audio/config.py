@@ -116,9 +116,9 @@ class AudioEncoderConfig:
 PHONETIC = AudioEncoderConfig(
     kind="phonetic",
     bands=60,
-    layers=((160, 3, 1),),
+    layers=((256, 3, 1),),
     context=tuple((3, dilation) for dilation in (1, 2, 4, 8, 16, 32, 1)),
-    feature_dim=59,
+    feature_dim=74,
     first_norm="frozen",
     past_ticks=8,
 )

@@ -2,7 +2,7 @@
 
 One network form, three kinds, alone or two side by side. `phonetic` hears log spectra at 24 kHz
 (spectrum.py) and says which phone and viseme sounds, as log-odds, with voicing, pitch and loudness:
-59 numbers, four times a 30 FPS tick. So narrow a passage lets what is said through and little of
+74 numbers, four times a 30 FPS tick. So narrow a passage lets what is said through and little of
 who says it. In the others strided causal convolutions shorten the waveform: `compact`, at 24 kHz
 (four features of 128 a tick), `wav2vec-large` at 16 kHz in the shape of the fairseq model, so that
 its weights can be imported. The shipped encoder is `compact` with `phonetic` as its second. In

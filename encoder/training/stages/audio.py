@@ -1,7 +1,7 @@
 """Stage 1: train the audio encoder (paper section 4.3 uses wav2vec; none is public here).
 
 Its output describes what is said, whoever speaks and whatever the room: log-odds of phone and
-viseme, voicing, pitch and loudness. Phones come from text (aligned, or exact from synthesis);
+viseme, of the viseme that comes next, voicing, pitch and loudness. Phones come from text (aligned, or exact from synthesis);
 visemes of voices without text come from a small public network, which hears the clean sound.
 """
 
@@ -17,7 +17,7 @@ from torch.nn import functional
 from encoder.audio.config import PRESETS as ENCODERS
 from encoder.audio.config import AudioEncoderConfig
 from encoder.audio.encoder import AudioEncoder
-from encoder.capture.dataset import iter_pack, read_manifest
+from encoder.capture.dataset import PACK_RATE, iter_pack, read_manifest
 from encoder.capture.speech.phones import PHONES
 from encoder.nn import checkpoint
 from encoder.training import loop, parallel, viseme_teacher
@@ -28,9 +28,11 @@ from encoder.training.streams import ears, heard
 from sensors.types import InputError
 
 SETTLE = 30  # features at the start of a crop without a loss: the encoder has no past there
-WIDTH = len(PHONES) + len(viseme_teacher.VISEMES) + 3  # phones, visemes, voiced, pitch, loudness
+# phones, visemes, visemes that come next, voiced, pitch, loudness
+WIDTH = len(PHONES) + 2 * len(viseme_teacher.VISEMES) + 3
 # Talkers whose tracked motion tests all later stages: the encoder never hears their voices.
 TALKERS = ("grid-", "facegood")
+AHEAD_S = round(heard.AHEAD * heard.HOP / PACK_RATE, 4)
 KNOWN = "grid-s1"  # the exception, who is in every training set
 
 
@@ -79,27 +81,29 @@ def lessons_of(config: AudioConfig) -> dict[str, list[heard.Heard]]:
 
 
 def losses(said: Tensor, lessons: list[heard.Lesson], loudness: Tensor) -> dict[str, Tensor]:
-    """Losses of the output [B, N, 59] against the truth; loudness [B, N]."""
+    """Losses of the output [B, N, 74] against the truth; loudness [B, N]."""
     device, phones = said.device, len(PHONES)
     said, loudness = said[:, SETTLE:], loudness[:, SETTLE:]
-    names, visemes, tone = (
+    names, visemes, ahead, tone = (
         torch.from_numpy(np.stack([getattr(x, name) for x in lessons]))[:, SETTLE:].to(device)
-        for name in ("phones", "visemes", "pitch")
+        for name in ("phones", "visemes", "ahead", "pitch")
     )
-    voiced, octaves, loud = said[..., -3:].unbind(-1)
+    now, after, others = said[..., phones:].split([visemes.shape[-1], ahead.shape[-1], 3], -1)
+    voiced, octaves, loud = others.unbind(-1)
     odds = functional.binary_cross_entropy_with_logits
     result = {
         "phone": functional.cross_entropy(
             said[..., :phones].flatten(0, 1), names.flatten(), ignore_index=-1, label_smoothing=0.03
         ),
-        "viseme": odds(said[..., phones:-3], visemes, reduction="none").sum(-1).mean(),
+        "viseme": odds(now, visemes, reduction="none").sum(-1).mean(),
+        "ahead": odds(after, ahead, reduction="none").sum(-1).mean(),
         "voiced": odds(voiced, tone[..., 0]),
         "pitch": ((octaves - tone[..., 1]).square() * tone[..., 0]).mean(),
         "loudness": (loud - loudness).square().mean(),
     }
     if not bool((names >= 0).any()):
         result["phone"] = said.sum() * 0
-    total = sum(result.values()) - 0.5 * result["voiced"]
+    total = sum(result.values()) - 0.5 * result["voiced"] - 0.5 * result["ahead"]
     return result | {"total": torch.as_tensor(total)}
 
 
@@ -171,8 +175,8 @@ def write(config: AudioConfig, encoder: AudioEncoder, trained: dict[str, Any]) -
     card = {
         "kind": "centred" if config.centred else "audio",
         "config": asdict(config.encoder),
-        "outputs": {"phones": PHONES, "visemes": viseme_teacher.VISEMES, "others": "voiced, pitch, "
-                    "loudness"},
+        "outputs": {"phones": PHONES, "visemes": viseme_teacher.VISEMES, "ahead_s": AHEAD_S,
+                    "others": "visemes ahead_s later, voiced, pitch, loudness"},
         "data": sources,
         "truth": "phones: of synthesis, or aligned with text; visemes: the same, and the teacher's",
         "steps": config.steps,

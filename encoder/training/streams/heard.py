@@ -5,7 +5,7 @@ encoder's own rate. Crops are played a little faster or slower, louder or softer
 rubbing, wind and music; some hold only distant voices.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import soxr
@@ -17,6 +17,7 @@ from encoder.training.viseme_teacher import VISEME_OF_PHONE, VISEMES, VisemeTeac
 
 HOP = 200  # samples a feature
 LABEL_LATE_S = 0.015  # a feature tells the phone that sounded so long ago
+AHEAD = 8  # features by which what comes next lies ahead of that
 VOICELESS = 0.09  # share of crops
 SURE = 0.97  # of a viseme whose phone is known
 PITCH_HZ = 150.0  # from which pitch is told, in octaves
@@ -40,6 +41,7 @@ class Lesson:
     clean: np.ndarray  # [200 N] float32
     phones: np.ndarray  # [N] int64
     visemes: np.ndarray  # [N, 15] float32
+    ahead: np.ndarray  # [N, 15] float32, what comes next
     pitch: np.ndarray  # [N, 2] float32
 
 
@@ -92,26 +94,32 @@ def cut(heard: Heard, count: int, rng: np.random.Generator) -> Lesson:
     start = int(rng.integers(max(low, -60), high + 1))
     where = start * HOP + np.arange(count * HOP) * speed
     clean = np.interp(where, np.arange(len(heard.audio)), heard.audio, 0, 0) / 32768
-    place = np.ceil(start + (np.arange(count) + 1) * speed - 1 - 1e-6).astype(int)
-    inside = (place >= 0) & (place < total)
-    place = np.clip(place, 0, total - 1)
+    now = np.ceil(start + (np.arange(count) + 1) * speed - 1 - 1e-6).astype(int)
+    inside = (now >= 0) & (now < total)
+    place = np.clip(now, 0, total - 1)
     silence = 0 if (heard.phones >= 0).any() else -1
     phones = np.where(inside, heard.phones[place], silence).astype(np.int64)
-    visemes = heard.visemes[place].astype(np.float32)
-    visemes[~inside] = np.eye(len(VISEMES))[0]
     tone = heard.pitch[place].astype(np.float32) + np.array([0, np.log2(speed)], np.float32)
     tone[~inside] = 0
     clean = clean.astype(np.float32)
-    return Lesson(clean, clean, phones, visemes, tone)
+    visemes, ahead = (_visemes(heard, place) for place in (now, now + AHEAD))
+    return Lesson(clean, clean, phones, visemes, ahead, tone)
+
+
+def _visemes(heard: Heard, place: np.ndarray) -> np.ndarray:  # [N, 15]; silence beyond the ends
+    inside = (place >= 0) & (place < len(heard.visemes))
+    found = heard.visemes[np.clip(place, 0, len(heard.visemes) - 1)].astype(np.float32)
+    found[~inside] = np.eye(len(VISEMES))[0]
+    return found
 
 
 def _level(sound: np.ndarray) -> float:
     return float(np.sqrt((sound**2).mean() + 1e-9))
 
 
-def _babble(lessons: list[Lesson], rng: np.random.Generator) -> np.ndarray:
-    """One to four other voices of the batch at once, at unit RMS."""
-    others = [lessons[i].clean for i in rng.integers(len(lessons), size=rng.integers(1, 5))]
+def _babble(lessons: list[Lesson], rng: np.random.Generator, least: int = 1) -> np.ndarray:
+    """At least so many and at most six other voices of the batch at once, at unit RMS."""
+    others = [lessons[i].clean for i in rng.integers(len(lessons), size=rng.integers(least, 7))]
     sound = np.sum([x / max(_level(x), 1e-3) * rng.uniform(0.3, 1) for x in others], 0)
     return sound / _level(sound)
 
@@ -135,20 +143,23 @@ def _voiceless(lesson: Lesson, others: list[Lesson], rng: np.random.Generator) -
     sound = np.zeros(len(lesson.clean))
     if rng.random() < 0.3:
         sound += 10 ** (rng.uniform(-55, -42) / 20) * _babble(others, rng)
+    elif rng.random() < 0.2:  # a crowd
+        sound += 10 ** (rng.uniform(-42, -30) / 20) * _babble(others, rng, 3)
     if rng.random() < 0.9:
         sound += 10 ** (rng.uniform(-65, -16) / 20) * _noise(len(sound), rng)
     nothing = np.zeros_like(lesson.visemes)
     nothing[:, 0] = 1
     phones, tone = np.zeros_like(lesson.phones), np.zeros_like(lesson.pitch)
-    return Lesson(sound.astype(np.float32), np.zeros_like(lesson.clean), phones, nothing, tone)
+    sound, clean = np.clip(sound, -1, 1).astype(np.float32), np.zeros_like(lesson.clean)
+    return Lesson(sound, clean, phones, nothing, nothing, tone)
 
 
 def _noisy(lesson: Lesson, others: list[Lesson], rng: np.random.Generator) -> Lesson:
     wanted = 0.06 * 10 ** (rng.uniform(-30, 10) / 20)
     clean = lesson.clean * np.float32(wanted / max(_level(lesson.clean), 1e-3))
     sound, level = clean.astype(np.float64), _level(clean)
-    if rng.random() < 0.3:
-        sound += level * 10 ** (-rng.uniform(4, 28) / 20) * _babble(others, rng)
+    if rng.random() < 0.45:
+        sound += level * 10 ** (-rng.uniform(3, 26) / 20) * _babble(others, rng)
     if rng.random() < 0.35:
         sound += level * 10 ** (-rng.uniform(0, 30) / 20) * _noise(len(sound), rng)
     if rng.random() < 0.5:  # every real microphone hisses
@@ -157,4 +168,4 @@ def _noisy(lesson: Lesson, others: list[Lesson], rng: np.random.Generator) -> Le
         limit = float(np.abs(sound).max()) * rng.uniform(0.2, 0.7) + 1e-6
         sound = np.clip(sound, -limit, limit)
     noisy = np.clip(sound, -1, 1).astype(np.float32)
-    return Lesson(noisy, clean, lesson.phones, lesson.visemes, lesson.pitch)
+    return replace(lesson, noisy=noisy, clean=clean)

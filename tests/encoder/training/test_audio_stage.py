@@ -35,6 +35,9 @@ def test_a_lesson_knows_phones_visemes_and_pitch():
     late = round(heard.LABEL_LATE_S * 120)
     assert lesson.phones[30] == PHONE_INDEX["aa"] and lesson.phones[60 + late] == PHONE_INDEX["s"]
     assert lesson.phones[-1] == 0
+    ahead = heard.cut(lesson, 100, np.random.default_rng(2))
+    same = (ahead.ahead[: -heard.AHEAD] == ahead.visemes[heard.AHEAD :]).all(1)
+    assert same.mean() > 0.95  # played faster or slower, the two may differ by a feature
     assert VISEMES[int(lesson.visemes[30].argmax())] == "aa"
     voiced, octaves = lesson.pitch[10:100].astype(float).mean(0)
     assert voiced > 0.9 and 2**octaves * heard.PITCH_HZ == pytest.approx(200, rel=0.03)
@@ -82,7 +85,8 @@ def test_the_losses_are_least_where_everything_is_said():
     lesson = heard.cut(heard.prepare(clip(), None), 120, np.random.default_rng(1))
     right = torch.zeros(1, 120, audio.WIDTH)
     right[0, torch.arange(120), torch.from_numpy(lesson.phones)] = 6
-    right[0, :, len(PHONES) : -3] = torch.from_numpy(lesson.visemes) * 12 - 6
+    visemes = np.concatenate([lesson.visemes, lesson.ahead], 1)
+    right[0, :, len(PHONES) : -3] = torch.from_numpy(visemes) * 12 - 6
     right[0, :, -3:-1] = torch.from_numpy(lesson.pitch)
     right[..., -3] = right[..., -3] * 12 - 6
     loudness = torch.zeros(1, 120)
