@@ -1,4 +1,4 @@
-"""Random distortions of clips: noise, gain, equalisation, pitch, clipping.
+"""Random distortions of clips: noise, other voices, gain, equalisation, pitch, clipping.
 
 Each is applied to a crop with probability p (0.3). Filters are short and smooth, so that no frame
 hears later speech.
@@ -108,10 +108,13 @@ def room(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return np.fft.irfft(np.fft.rfft(audio, size) * np.fft.rfft(tail, size), size)[: len(audio)]
 
 
-def crop(clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3) -> Crop:
+def crop(
+    clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None
+) -> Crop:
     """`frames` frames from a random place in `clip`; a short clip is padded with silence.
 
-    Resampling shifts pitch and formants; the motion curves are resampled alike.
+    Resampling shifts pitch and formants; the motion curves are resampled alike. others: makes other
+    voices, which may be heard with it.
     """
     factor = float(rng.uniform(0.84, 1.2)) if rng.random() < p + 0.2 else 1.0
     need = int(np.ceil(frames * factor)) + 1
@@ -135,7 +138,7 @@ def crop(clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3) -> C
     labels = clip.phones[start:stop].astype(np.int64)
     phones = np.where(inside < len(labels), labels[np.minimum(inside, len(labels) - 1)], 0)
     rig[inside >= len(labels)] = 0
-    audio = distort(clean, rng, p)
+    audio = distort(clean, rng, p, others)
     return Crop(audio=audio, clean=clean, rig=rig, gaze=gaze.reshape(-1, 2, 3), phones=phones)
 
 
@@ -148,15 +151,19 @@ def _curves(curves: np.ndarray, where: np.ndarray) -> np.ndarray:
     return curves[low].astype(np.float32) * (1 - share) + curves[high].astype(np.float32) * share
 
 
-def distort(clean: np.ndarray, rng: np.random.Generator, p: float = 0.3) -> np.ndarray:
-    """[n] -> [n] float32 in -1..1: room, microphone, noise, gain, clipping."""
+def distort(
+    clean: np.ndarray, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None
+) -> np.ndarray:
+    """[n] -> [n] float32 in -1..1: room, microphone, other voices, noise, gain, clipping."""
     audio = clean.astype(np.float64)
     if rng.random() < p:
         audio = room(audio, rng)
     if rng.random() < p + 0.1:
         audio = equalise(audio, rng)
+    level = max(float(np.sqrt((audio**2).mean())), 1e-4)
+    if others and rng.random() < p + 0.1:
+        audio = audio + level * 10 ** (-rng.uniform(3, 26) / 20) * others(len(audio), rng)
     if rng.random() < p + 0.1:
-        level = max(float(np.sqrt((audio**2).mean())), 1e-4)
         make = noise if rng.random() < 0.5 else _any_noise(rng)
         audio = audio + level * 10 ** (-rng.uniform(0, 30) / 20) * make(len(audio), rng)
     elif rng.random() < 0.5:  # every real microphone hisses

@@ -22,7 +22,8 @@ from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import listen
 from encoder.training.streams.pieces import SpokenPieces, voice_weights
-from encoder.training.streams.spoken import REST, RULES, SpokenFrames
+from encoder.training.streams.augment import distort
+from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -153,6 +154,23 @@ def test_pieces_are_of_one_clip_and_of_nobody_who_is_left_out() -> None:
     assert set(rows.tolist()) == set(range(30, 65))
     np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows])
     assert (voiced[there > 0][rows >= 55] == 0).all() and (voiced[there > 0][rows < 55] != 0).all()
+
+
+def test_other_people_talk_below_the_talker_or_far_away() -> None:
+    rng = np.random.default_rng(0)
+    tone = (8000 * np.sin(np.arange(9000) * 0.3)).astype(np.int16)
+    crowd = Crowd([tone, rng.integers(-900, 900, 30_000).astype(np.int16)])
+    near = crowd.near(24_000, rng)
+    assert near.shape == (24_000,) and near.std() == pytest.approx(1, rel=0.02)
+    far = [20 * np.log10(crowd.far(9_000, np.random.default_rng(k)).std()) for k in range(30)]
+    assert -59 < min(far) and max(far) < -29 and np.ptp(far) > 10
+    talker = 0.1 * np.sin(np.arange(24_000) * 0.5)
+    off = [
+        distort(talker, np.random.default_rng(k), 0.3, crowd.near)
+        - distort(talker, np.random.default_rng(k), 0.3, lambda n, rng: 0 * crowd.near(n, rng))
+        for k in range(40)
+    ]
+    assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
 
 
 def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
