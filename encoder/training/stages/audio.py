@@ -1,8 +1,9 @@
 """Stage 1: train the audio encoder (paper section 4.3 uses wav2vec; none is public here).
 
 Its output describes what is said, whoever speaks and whatever the room: log-odds of phone and
-viseme, of the viseme that comes next, voicing, pitch and loudness. Phones come from text (aligned, or exact from synthesis);
-visemes of voices without text come from a small public network, which hears the clean sound.
+viseme, of the viseme that comes next, voicing, pitch and loudness. Phones come from text (aligned,
+or exact from synthesis); visemes of voices without text come from a small public network, which
+hears the clean sound.
 """
 
 from dataclasses import asdict, dataclass, field

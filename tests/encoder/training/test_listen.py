@@ -21,8 +21,8 @@ from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import listen
-from encoder.training.streams.pieces import SpokenPieces, voice_weights
 from encoder.training.streams.augment import distort
+from encoder.training.streams.pieces import SpokenPieces, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError
 
@@ -163,7 +163,7 @@ def test_other_people_talk_below_the_talker_or_far_away() -> None:
     near = crowd.near(24_000, rng)
     assert near.shape == (24_000,) and near.std() == pytest.approx(1, rel=0.02)
     far = [20 * np.log10(crowd.far(9_000, np.random.default_rng(k)).std()) for k in range(30)]
-    assert -59 < min(far) and max(far) < -29 and np.ptp(far) > 10
+    assert min(far) > -59 and max(far) < -29 and np.ptp(far) > 10
     talker = 0.1 * np.sin(np.arange(24_000) * 0.5)
     off = [
         distort(talker, np.random.default_rng(k), 0.3, crowd.near)
