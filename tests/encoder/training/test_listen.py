@@ -11,6 +11,7 @@ from training_material import FACE, pack_of_tones
 
 from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
+from encoder.capture.speech.phones import PHONE_INDEX
 from encoder.denoiser.config import MOUTH, PRESETS, ZeroConvConfig
 from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
@@ -75,7 +76,7 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     seen = (torch.cat([heard, heard.sigmoid()], -1) - listener.scale[0]) / listener.scale[1]
     mouth, codes = listener.mouth, student.unstandardise(x0)
     mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * listener.direct.said(seen)
-    voice = listener.direct.voiced(seen[..., :7]).sigmoid()
+    voice = (listener.direct.voiced(seen[..., :7]) + config.sure).sigmoid()
     wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
     moved = listener.contact.moved_mm(student.standardise(wanted), seen[..., :7])
     listen.finish(listener, config)
@@ -171,6 +172,19 @@ def test_other_people_talk_below_the_talker_or_far_away() -> None:
         for k in range(40)
     ]
     assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
+
+
+@torch.no_grad()
+def test_moves_of_the_contact_head_cost_more_where_no_closure_is_asked(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path)
+    listener = listen.new_listener(pieces, student, config)
+    torch.nn.init.constant_(listener.contact.move.bias, 0.1)
+    heard, own, truth, phones, voiced, there = pieces.draw(np.random.default_rng(0))
+    for phone, least in (("b", "idle"), ("aa", "effort")):
+        said = torch.full_like(phones, PHONE_INDEX[phone])
+        found = listener.losses((heard, own, truth, said, voiced, there), config)
+        assert found[least] == 0 < found["idle"] + found["effort"]
 
 
 def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
