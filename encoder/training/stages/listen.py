@@ -46,8 +46,8 @@ class ListenConfig:
     # of the mouth that the blocks' is; on talkers left out, without gate and contact head (r raw,
     # above 0.5 Hz | with babble): .4 .77 .65 | .67 .51, .2 .77 .66 | .67 .54, 0 .77 .66 | .67 .55;
     # the more, the nearer to rule-made motion
-    share: float = 0.25
-    gain: float = 1.15  # of both: a mean of predictions moves less than people do
+    share: float = 0.35
+    gain: float = 1.1  # of both: a mean of predictions moves less than people do
     width_gain: float = 1.25  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
@@ -64,11 +64,10 @@ class ListenConfig:
     velocity_weight: float = 0.3
     span_weight: float = 1.0  # of the lips' opening and width
     voice_weight: float = 4.0
-    miss_weight: float = 2.5  # of lips that are not shut for p, b and m
+    miss_weight: float = 5.0  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
-    idle_weight: float = 4.0  # of what it moves elsewhere
-    sure: float = 1.0  # added to the log-odds of a voice: rather follow a noise than mute a talker
+    idle_weight: float = 3.0  # of what it moves elsewhere
 
 
 preset = Presets(
@@ -110,7 +109,7 @@ class Listener:
         off = functional.binary_cross_entropy_with_logits(odds, voiced.clamp(0), reduction="none")
         result["voice"] = torch.stack([(off * s).sum() / s.sum().clamp(min=1) for s in sides]).sum()
         mixed = config.share * own + (1 - config.share) * said.detach()
-        voice = (odds.detach() + config.sure).sigmoid()
+        voice = odds.detach().sigmoid()
         shown = voice[..., None] * (mixed @ self.mix)
         result |= self._contact(shown, voice, truth, phones, there, plain)
         total = result["shape"] + sum(
@@ -212,8 +211,6 @@ def finish(listener: Listener, config: ListenConfig) -> None:
         fold_scale(layer, mean, spread)
     for layer in (direct.hear, listener.contact.listen):
         fold_scale(layer, mean[:dim], spread[:dim])
-    bias: Tensor = direct.voice.bias
-    bias += config.sure
     mix = (1 - config.share) * listener.mix
     for layer in (direct.move, direct.straight):
         layer.weight.copy_(mix.T @ layer.weight)

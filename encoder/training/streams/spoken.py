@@ -1,8 +1,8 @@
 """Training data of the direct path: phones heard in each frame, and the mouth's motion.
 
-Each clip is heard from its start through random microphones and rooms; with it come the codes of
-the old chain for the same sound, and many kinds of sounds without a voice; other people talk in
-some of both. Kept in the pack for reuse.
+Each clip is heard from its start through random microphones and rooms, some while other people
+talk; with it come the codes of the old chain for the same sound, and many kinds of sounds without a
+voice. Kept in the pack for reuse.
 """
 
 from collections.abc import Iterator
@@ -24,7 +24,6 @@ CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
 RARE = 3  # times as many versions of a talker who has few clips
 RULES_KEPT = 0.3  # share of rule-made clips that are heard, to save time
-FAR = 0.2  # share of sounds without a voice in which voices are heard, but far away
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
 
@@ -57,21 +56,15 @@ class Crowd:
 
     sounds: list[np.ndarray]
 
-    def near(self, count: int, rng: np.random.Generator, least: int = 1) -> np.ndarray:
-        """[count] unit RMS: `least` to six voices at once."""
+    def talk(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """[count] unit RMS: one to six voices at once."""
         sound = np.zeros(count)
-        for _ in range(int(rng.integers(least, 7))):
+        for _ in range(int(rng.integers(1, 7))):
             voice = self.sounds[rng.integers(len(self.sounds))]
             start = int(rng.integers(max(len(voice) - count, 0) + 1))
             part = np.resize(voice[start : start + count], count).astype(np.float64)
             sound += rng.uniform(0.3, 1) * part / max(float(part.std()), 30.0)
         return sound / max(float(sound.std()), 1e-3)
-
-    def far(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """[count] a few voices so soft that they are not the user's, or many somewhat louder."""
-        if rng.random() < 0.6:
-            return np.asarray(10 ** (rng.uniform(-58, -44) / 20) * self.near(count, rng))
-        return np.asarray(10 ** (rng.uniform(-44, -30) / 20) * self.near(count, rng, 3))
 
 
 @dataclass(frozen=True)
@@ -129,8 +122,6 @@ def _parts(
     for index in range(noises):
         rng = np.random.default_rng([seed, len(clips) + index])
         sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
-        if rng.random() < FAR:
-            sound = np.clip(sound + crowd.far(len(sound), rng), -1, 1).astype(np.float32)
         gaze = np.tile(np.array(AHEAD, np.float32), (LONGEST, 1))
         rig = np.zeros((LONGEST, clips[0].rig.shape[1]), np.float32)
         silent = np.zeros(LONGEST, np.int64)
@@ -139,5 +130,5 @@ def _parts(
 
 def _cropped(clip: Clip, crowd: Crowd, rng: np.random.Generator) -> Crop:
     frames = min(clip.num_frames, LONGEST)
-    others = None if clip.truth == "rest" else crowd.near
+    others = None if clip.truth == "rest" else crowd.talk
     return crop(clip, frames, rng, 0.0 if rng.random() < CLEAN else 0.3, others)
