@@ -152,4 +152,4 @@ def _save(path: Path, pixels: Pixels, times: int = 1) -> None:
     """Write a JPEG, so many times smaller."""
     from PIL import Image
 
-    Image.fromarray(pixels).reduce(times).save(files.create(path), quality=72)
+    Image.fromarray(pixels).reduce(times).save(files.create(path), quality=66)
