@@ -64,10 +64,10 @@ class ListenConfig:
     velocity_weight: float = 0.3
     span_weight: float = 1.0  # of the lips' opening and width
     voice_weight: float = 4.0
-    miss_weight: float = 5.0  # of lips that are not shut for p, b and m
+    miss_weight: float = 3.5  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
-    idle_weight: float = 3.0  # of what it moves elsewhere
+    idle_weight: float = 4.0  # of what it moves elsewhere
 
 
 preset = Presets(
