@@ -25,6 +25,7 @@ OUTLIER = 3.0  # deviations from which a point counts less
 FACING = 0.15  # least cosine to the viewer of a point that counts
 ALONE, TOGETHER = 12, 30  # rounds: poses alone, everything
 DAMPING = 1e-3
+MOST_TURN = 0.3  # rad, of one round; and of the lens, logarithmic
 # Weight of what is likely: the points of a face err together, so that each tells less than alone.
 PRIOR = 8.0
 
@@ -72,68 +73,89 @@ def fit(
     prior: float = PRIOR,
 ) -> FaceFit:
     """What the views tell together; `prior`: less where points are exact."""
-    rig, columns = expressions(maker, places)
-    normals = maker.normals(shapes.mean.astype(np.float32)).astype(np.float64)
-    facing = places.of(normals)
-    sigma = np.sqrt(places.spread_mm + NOISE_MM**2).astype(np.float64)
+    model = _Model.of(maker, places, shapes)
     num_rig = maker.posing.basis.shape[1]  # pyright: ignore[reportGeneralTypeIssues] (stub: may be None)
-    shares, shots = np.zeros(len(shapes.modes)), list[PhotoCamera]()
-    lens = [np.log(_focal(view)) for view in views]
-    for view in views:
-        shots.append(_start(shapes.at, view, num_rig))
-    left = 0.0
+    shots = [_start(shapes.at, view, num_rig) for view in views]
+    shares, gaps = np.zeros(len(shapes.modes)), list[Doubles]()
     for step in range(ALONE + TOGETHER):
-        size = len(shares) if step >= ALONE else 0
-        each = 7 + (len(columns) if step >= ALONE else 0)
+        alone = step < ALONE
+        size, each = (0, 7) if alone else (len(shares), 7 + len(model.columns))
         total = size + each * len(views)
-        system, aim = np.zeros((total, total)), np.zeros(total)
-        still = shapes.at + np.tensordot(shares, shapes.modes, 1)
-        gaps: list[Doubles] = []
+        system, aim = prior * np.eye(total), np.zeros(total)
+        aim[:size] = -prior * shares[:size]
+        system[size:, size:] = 0
+        still, gaps = shapes.at + np.tensordot(shares, shapes.modes, 1), []
         for k, (view, shot) in enumerate(zip(views, shots, strict=True)):
-            points = still + np.tensordot(shot.expression[columns], rig, 1)
-            x = shot.view(points)
-            px_per_mm = shot.focal_px / x[:, 2].mean()
-            gap = (view.points - shot.project(points, view.size)) / px_per_mm
-            towards = -x / np.linalg.norm(x, axis=1, keepdims=True)
-            seen = ((facing @ shot.turn.T) * towards).sum(1) > FACING
-            off = np.linalg.norm(gap, axis=1) / sigma
-            weight = seen / sigma**2 / (1 + (off / OUTLIER) ** 2)
-            gaps.append(np.linalg.norm(gap[seen], axis=1))
-            moves = [_turns(x - shot.offset), np.tile(np.eye(3), (len(x), 1, 1)).transpose(2, 0, 1)]
-            if step >= ALONE:
-                moves += [shapes.modes @ shot.turn.T, rig @ shot.turn.T]
-            rows = _seen_moves(np.concatenate(moves), x, shot.focal_px / px_per_mm)
-            lens_row = (x[:, :2] / x[:, 2:] * shot.focal_px / px_per_mm)[None]
-            design = np.concatenate([rows[:6], lens_row, rows[6:]])
-            own = np.arange(size + k * each, size + k * each + 7)
-            where = np.r_[own, np.arange(size), np.arange(own[-1] + 1, own[0] + each)]
-            flat = design.reshape(len(design), -1)
-            heavy = flat * np.repeat(weight, 2)
-            system[np.ix_(where, where)] += heavy @ flat.T
+            design, gap, weight = _linear(model, view, shot, still, alone)
+            own = size + k * each + np.arange(each)
+            where = np.r_[own[:7], np.arange(size), own[7:]]
+            heavy = design * np.repeat(weight, 2)
+            system[np.ix_(where, where)] += heavy @ design.T
             aim[where] += heavy @ gap.ravel()
-            spread = LENS_SPREAD if view.lens_mm is None else TOLD_SPREAD
-            system[own[6], own[6]] += 1 / spread**2
-            aim[own[6]] += (lens[k] - np.log(shot.focal_px)) / spread**2
-            if step >= ALONE:
-                e = shot.expression[columns]
-                stiff = np.where(e < 0, AGAINST, EXPRESSION) ** -2.0
-                mine = np.arange(own[-1] + 1, own[0] + each)
-                system[mine, mine] += stiff
-                aim[mine] -= stiff * e
-        if size:
-            system[np.arange(size), np.arange(size)] += prior
-            aim[:size] -= prior * shares
+            gaps.append(np.linalg.norm(gap[weight > 0], axis=1))
+            stiff, pull = _likely(view, shot, model.columns[: each - 7])
+            system[own[6:], own[6:]] += stiff
+            aim[own[6:]] += stiff * pull
         system[np.diag_indices(total)] *= 1 + DAMPING
         move = np.linalg.solve(system + 1e-9 * np.eye(total), aim)
-        shares = shares + (move[:size] if size else 0)
+        shares[:size] += move[:size]
         for k, shot in enumerate(shots):
             own = move[size + k * each : size + (k + 1) * each]
-            shot.turn = rotation(own[:3].clip(-0.3, 0.3)) @ shot.turn
+            shot.turn = rotation(own[:3].clip(-MOST_TURN, MOST_TURN)) @ shot.turn
             shot.offset = shot.offset + own[3:6]
-            shot.focal_px *= float(np.exp(own[6].clip(-0.3, 0.3)))
-            shot.expression[columns] += own[7:] if step >= ALONE else 0
-        left = float(np.concatenate(gaps).mean())
-    return FaceFit(shares, shots, left)
+            shot.focal_px *= float(np.exp(own[6].clip(-MOST_TURN, MOST_TURN)))
+            shot.expression[model.columns[: each - 7]] += own[7:]
+    return FaceFit(shares, shots, float(np.concatenate(gaps).mean()))
+
+
+@dataclass(frozen=True)
+class _Model:
+    """What every round needs of face and points."""
+
+    modes: Doubles  # [K, 468, 3]
+    rig: Doubles  # [R', 468, 3]
+    columns: Ints  # [R'] of the rig
+    facing: Doubles  # [468, 3] normals
+    sigma: Doubles  # [468] mm
+
+    @classmethod
+    def of(cls, maker: Maker, places: PointPlaces, shapes: HeadShapes) -> "_Model":
+        rig, columns = expressions(maker, places)
+        normals = maker.normals(shapes.mean.astype(np.float32)).astype(np.float64)
+        sigma = np.sqrt(places.spread_mm + NOISE_MM**2).astype(np.float64)
+        return cls(shapes.modes, rig, columns, places.of(normals), sigma)
+
+
+def _linear(
+    model: _Model, view: PhotoView, shot: PhotoCamera, still: Doubles, alone: bool
+) -> tuple[Doubles, Doubles, Doubles]:
+    """How the points move with turn, offset, lens and, unless `alone`, modes and expression
+    [m, 468 * 2], how they should [468, 2], both in mm, and the points' weights [468]."""
+    x = shot.view(still + np.tensordot(shot.expression[model.columns], model.rig, 1))
+    mm_per_px = x[:, 2].mean() / shot.focal_px
+    flat = x[:, :2] / x[:, 2:]
+    middle = np.array(view.size) / 2
+    gap = (view.points - shot.focal_px * flat - middle) * mm_per_px
+    towards = -x / np.linalg.norm(x, axis=1, keepdims=True)
+    seen = ((model.facing @ shot.turn.T) * towards).sum(1) > FACING
+    off = np.linalg.norm(gap, axis=1) / model.sigma
+    weight = seen / model.sigma**2 / (1 + (off / OUTLIER) ** 2)
+    moves = [_turns(x - shot.offset), np.tile(np.eye(3), (len(x), 1, 1)).transpose(2, 0, 1)]
+    if not alone:
+        moves += [model.modes @ shot.turn.T, model.rig @ shot.turn.T]
+    scale = shot.focal_px * mm_per_px
+    rows = _seen_moves(np.concatenate(moves), x, scale)
+    design = np.concatenate([rows[:6], scale * flat[None], rows[6:]])
+    return design.reshape(len(design), -1), gap, weight
+
+
+def _likely(view: PhotoView, shot: PhotoCamera, columns: Ints) -> tuple[Doubles, Doubles]:
+    """Weights of lens and activations, and the way to what is likely."""
+    spread = LENS_SPREAD if view.lens_mm is None else TOLD_SPREAD
+    rig = shot.expression[columns]
+    stiff = np.where(rig < 0, AGAINST, EXPRESSION) ** -2.0
+    lens = np.log(_focal(view) / shot.focal_px)
+    return np.r_[spread**-2, stiff], np.r_[lens, -rig]
 
 
 def expressions(maker: Maker, places: PointPlaces) -> tuple[Doubles, Ints]:

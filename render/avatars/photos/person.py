@@ -7,6 +7,9 @@ from render.avatars.photos import fit, places, shapes, skin
 from render.avatars.photos.picture import Photo
 from render.avatars.registration import Progress
 from render.types import Floats
+from sensors.types import InputError
+
+MOST_LEFT_MM = 4.0  # 1 to 2 is what a face leaves
 
 
 @dataclass(frozen=True)
@@ -22,6 +25,11 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
     known = shapes.build(maker, table)
     progress("shape", 0.2)
     found = fit.fit(maker, table, known, [photo.view for photo in photos])
+    if not found.left_mm < MOST_LEFT_MM:
+        raise InputError(
+            f"--photos: expected photographs of one face, got points {found.left_mm:.1f} mm away "
+            f"from any; leave out, one after the other, {', '.join(p.name for p in photos)}"[:500]
+        )
     geometry = known.head(found.shares).astype("f4")
     progress("skin", 0.4)
     painted = skin.paint(maker, table, photos, found, geometry)
