@@ -32,7 +32,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
 
     from render.avatars.hair_transfer import transfer
     from render.avatars.maker import Maker
-    from render.avatars.photos import dress
+    from render.avatars.photos import complete, dress
     from render.decoder import identity
 
     _check(name, folder, replace)
@@ -43,7 +43,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     if lender:
         who = with_parts(who, hair=transfer(lender, who))
     if parts.photos:
-        who = dress.dressed(maker, who, lender or identity.load(dress.PLAIN))
+        who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if parts.beard:
         who = with_parts(who, beard=identity.load(parts.beard).beard)
     given = {key: _named(value) for key, value in asdict(parts).items()}

@@ -43,6 +43,7 @@ FRONTS: tuple[dict[str, float], ...] = (
     {"jawOpen": 0.35},
 )
 COARSE = 16  # colours across the face
+LUMINANCE, DARKEST = np.array([0.3, 0.59, 0.11], np.float32), np.float32(0.02)
 
 
 @dataclass(frozen=True)
@@ -139,9 +140,12 @@ def color_signature(skin: Floats, mean: Floats) -> Floats:  # [1024, 2048, 3] ->
     return (off / np.linalg.norm(off)).astype(np.float32)
 
 
-def colors(skin: Floats) -> Floats:  # [1024, 2048, 3] -> [n, 3] coarse, of the middle of the face
+def colors(skin: Floats) -> Floats:  # [1024, 2048, 3] -> [n, 3]
+    """Coarse, of the middle of the face, as logarithms; but for the brightness of all, which a
+    photograph of unknown exposure does not tell."""
     half = skin[:, : skin.shape[1] // 2]
     step = half.shape[0] // COARSE
     coarse = half.reshape(COARSE, step, COARSE, step, 3).mean((1, 3))
     low, high = COARSE // 5, COARSE - COARSE // 5
-    return coarse[low:high, low:high].reshape(-1, 3)
+    middle = coarse[low:high, low:high].reshape(-1, 3)
+    return np.log(middle / np.median(middle @ LUMINANCE) + DARKEST).astype(np.float32)

@@ -11,10 +11,12 @@ from render.avatars.scan_texture import SIZE
 from render.decoder import identity
 from render.types import Doubles, Floats
 
-EXPOSURE = 0.68  # linear light on a white face in a photograph as people take them
+EXPOSURE = 0.55  # linear light on a white face in a photograph as people take them
 KNOWN = 0.25  # weight at which a place is known
 MIRROR_MM = 4.0
-BALD = 0.75  # place in the order of brightness of the shipped people: one without hair there
+PLAIN = "hugo"  # who has no hair on the scalp; his is a beard
+ABOVE_MM, BEHIND_MM, NAPE_MM = 8.0, 25.0, -60.0  # the scalp: above brows; behind and not below
+BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
 
@@ -25,8 +27,13 @@ def typical(maker: Maker) -> Doubles:  # [T, 3]
         linear = identity.load(name).albedo.astype(np.float64) ** 2
         found.append(linear / np.median(linear[maker.face], 0))
     ratios = np.array(found)
-    bright = np.argsort(ratios.sum(2), axis=0)[int(BALD * (len(found) - 1))]
+    bright = np.argsort(ratios.sum(2), axis=0)[int(BRIGHT * (len(found) - 1))]
     ratio = ratios[bright, np.arange(ratios.shape[1])]
+    bald = ratios[identity.shipped().index(PLAIN)]
+    brows = float(maker.template[maker.regions["brows"], 1].max())
+    _, up, ahead = (maker.surface.interpolate @ maker.template[maker.surface.used]).T
+    scalp = (up > brows + ABOVE_MM) | ((ahead < BEHIND_MM) & (up > NAPE_MM))
+    ratio = np.where(scalp[:, None], bald, ratio)
     return scan_texture.over_atlas(maker, ratio.astype(np.float32)).astype(np.float64)
 
 

@@ -9,9 +9,9 @@ from render.decoder import mesh_parts
 from render.decoder.identity import Identity
 from render.types import Floats
 
-PLAIN = "hugo"  # who lends a shirt where nobody lends hair
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
-SCALP_MM, BACK_MM = 55.0, 15.0  # above, or behind, are roots
+SCALP_MM, BACK_MM = (60.0, 78.0), (5.0, 20.0)  # above, or behind, are roots
+NAPE_MM = -60.0  # not below
 LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 
 
@@ -32,5 +32,7 @@ def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1
     tone = float(np.median(light[maker.face]))
     dark = np.clip((ROOTS[0] - light / tone) / (ROOTS[0] - ROOTS[1]), 0, 1)
     _, up, ahead = (head.interpolate @ maker.template[head.used]).T
-    hairy = (up > SCALP_MM) | ((ahead < BACK_MM) & (up > -60))
+    above = np.clip((up - SCALP_MM[0]) / (SCALP_MM[1] - SCALP_MM[0]), 0, 1)
+    behind = np.clip((BACK_MM[1] - ahead) / (BACK_MM[1] - BACK_MM[0]), 0, 1) * (up > NAPE_MM)
+    hairy = np.maximum(above, behind)
     return (dark * hairy * (maker.anchor_kinds == mesh_parts.SKIN)).astype(np.float32)
