@@ -56,11 +56,13 @@ def held_out(
             mask = judge.face_mask(who, truth, camera)
             code = judge.encode(who, truth, light)
             vertices, picture = judge.picture(who, code, gaze, camera)
-            _, sparse = judge.picture(who, code, gaze, camera, sparse=True)
+            thinner = judge.picture(who, code, gaze, camera, "32k")[1]
+            sparse = judge.picture(who, code, gaze, camera, "16k")[1]
             _, matte = judge.picture(who, code, gaze, camera, matte=True)
             large_mask = judge.face_mask(who, truth, large)
             large_reference = judge.true_picture(who, truth, light, large)
             _, large_picture = judge.picture(who, code, gaze, large)
+            large_thinner = judge.picture(who, code, gaze, large, "32k")[1]
             error = prior_metrics.distances(vertices, truth)
             for name, value in (
                 ("vertex_error_mean_mm", error[used].mean()),
@@ -77,6 +79,17 @@ def held_out(
                 (
                     "face_sharpness_1024",
                     prior_metrics.sharpness(large_picture, large_reference, large_mask),
+                ),
+                ("face_psnr_32k_db", prior_metrics.psnr_db(thinner, reference, mask)),
+                ("face_ssim_32k", prior_metrics.ssim(thinner, reference, mask)),
+                ("face_sharpness_32k", prior_metrics.sharpness(thinner, reference, mask)),
+                (
+                    "face_psnr_1024_32k_db",
+                    prior_metrics.psnr_db(large_thinner, large_reference, large_mask),
+                ),
+                (
+                    "face_sharpness_1024_32k",
+                    prior_metrics.sharpness(large_thinner, large_reference, large_mask),
                 ),
                 ("face_psnr_16k_db", prior_metrics.psnr_db(sparse, reference, mask)),
                 ("face_ssim_16k", prior_metrics.ssim(sparse, reference, mask)),
@@ -196,20 +209,27 @@ def scan(judge: "Judge") -> dict[str, float]:
 
 
 def cost(judge: "Judge") -> dict[str, float]:
-    """Median CPU time of a decode, ms; size of the weights, MB."""
+    """Median CPU time of a decode, ms; size of the weights, MB.
+
+    As the tick decodes, into the arrays of the last frame; `fresh`: into new ones.
+    """
     from render.decoder import identity
     from render.evaluation.judge import weights_mb
     from render.types import AHEAD
 
     who = identity.load(identity.shipped()[0])
     metrics = {"weights_mb": weights_mb()}
-    for name, decoder in (("decode_cpu_ms", judge.decoder), ("decode_16k_cpu_ms", judge.sparse)):
+    for name, decoder, reuse in (
+        ("decode_cpu_ms", judge.decoder, True),
+        ("decode_fresh_cpu_ms", judge.decoder, False),
+        ("decode_16k_cpu_ms", judge.thinner("16k"), True),
+    ):
         rng = np.random.default_rng(0)
         times: list[float] = []
         for _ in range(TIMED_FRAMES):
             code = judge.decoder.sample(rng)
             start = time.process_time()
-            decoder.decode(code, AHEAD, who)
+            decoder.decode(code, AHEAD, who, reuse=reuse)
             times.append(1e3 * (time.process_time() - start))
         metrics[name] = float(np.median(times))
     return metrics

@@ -3,7 +3,8 @@
 Narrow Gaussians lie over a wide layer that closes the gaps between them, and about half of what is
 seen is that layer: a picture of Gaussians that each have the texture's colour is soft. What is seen
 at places on the face is linear in the colours, and the same for everyone: this solves for colours
-that together show the texture, and stays near those it was given.
+that together show the texture, and stays near those it was given. Fewer and wider Gaussians, whose
+colours are means of these, get their own in the same way: each a factor of its brightness.
 """
 
 from typing import NamedTuple
@@ -14,7 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from render.avatars import textures
 from render.decoder.surface import Surface
-from render.types import Floats
+from render.types import Density, Floats
 
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
@@ -22,7 +23,9 @@ VIEWS_DEG = ((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12))
 NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
 PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
-STAY, STEPS = 0.27, 15  # how much a colour that stays is worth; of least squares
+STAY, STEPS = 0.22, 20  # how much a colour that stays is worth; of least squares
+THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
+LEAST, MOST = 0.7, 1.35  # gain of wide Gaussians: each is seen as a dot
 LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 SEAM = 1e-3  # of texture coordinates
 ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
@@ -121,6 +124,11 @@ def composited(
     return near, alpha * np.concatenate([np.ones_like(left[:, :1]), left[:, :-1]], 1)
 
 
+def card() -> dict[str, float]:
+    """What to tell beside an avatar about how its colours were made."""
+    return {"places": DENSITY, "stay": STAY, "steps": STEPS}
+
+
 def sharpened(
     albedo: Floats,  # [N, 3] 0..1 stored
     free: NDArray[np.bool_],  # [N] which may change
@@ -128,12 +136,21 @@ def sharpened(
     skin: Floats,  # [H, 2 H, 3] the texture
 ) -> Floats:  # [N, 3]
     """Colours that show the skin's detail: brighter or darker, in the hue that they have."""
+    return np.clip(albedo * gains(albedo, free, of, skin)[:, None], 0, 1)
+
+
+def gains(
+    albedo: Floats,  # [N, 3] 0..1 stored
+    free: NDArray[np.bool_],  # [N]
+    of: Blend,
+    skin: Floats,  # [H, 2 H, 3]
+) -> Floats:  # [N]
+    """The same as factors of brightness: 1 where nothing changes."""
     from scipy.sparse.linalg import lsmr
 
     missing = (textures.sample(skin, of.uv * ATLAS) - of.shares @ albedo) @ LUMINANCE
     shares = of.shares[:, np.flatnonzero(free)]
     change = lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]
-    out = albedo.copy()
-    light = np.maximum(albedo[free] @ LUMINANCE, 0.05)
-    out[free] *= np.maximum(1 + change / light, 0)[:, None].astype(np.float32)
-    return np.clip(out, 0, 1)
+    out = np.ones(len(albedo), np.float32)
+    out[free] += (change / np.maximum(albedo[free] @ LUMINANCE, 0.05)).astype(np.float32)
+    return np.maximum(out, 0)

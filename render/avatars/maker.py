@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, eye_array
 
 from render import strands
 from render.avatars import detail, lashes, textures
@@ -20,7 +21,7 @@ from render.decoder.posing import Rest
 from render.decoder.surface import SKIN
 from render.gl.contexts import GLContext, create_context
 from render.gl.occlusion import Occlusion
-from render.types import Floats
+from render.types import Density, Floats
 from sensors.types import InputError
 
 HEM_MM = (-192.0, -168.0)  # height on the mean face at which a bust ends
@@ -82,16 +83,18 @@ class Maker:
         bald = self.visibility(rest)
         visibility = bald if cover is None else self.visibility(rest, cover)
         visibility = turned_out(self.surface, self.posing, rest.geometry, visibility)
+        albedo = self.albedo(skin, eye)
         return Identity(
             name=name,
             rest=rest,
-            albedo=self.albedo(skin, eye),
+            albedo=albedo,
             gloss=self.gloss,
             opacity_factors=self.hem(),
             visibility=np.ascontiguousarray(visibility.T),
             biases=self.biases(rest, skin, bald[:, :2]),
             hair=strands.bald(),
             beard=lashes.grow(self.posing, rest, self.skin),
+            detail=self.thinner(albedo, skin),
         )
 
     def hem(self) -> Floats:  # [N] 0..1
@@ -122,7 +125,7 @@ class Maker:
         if isinstance(eye, str):
             on_eye = t["anchor_kinds"] == mesh_parts.EYE
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
-        return detail.sharpened(np.clip(albedo, 0, 1), self.face, self._blend, skin)
+        return detail.sharpened(np.clip(albedo, 0, 1), self.face, self._blends["65k"][1], skin)
 
     @cached_property
     def face(self) -> NDArray[np.bool_]:
@@ -131,18 +134,34 @@ class Maker:
         on_skin = self._t["anchor_kinds"] == mesh_parts.SKIN
         return (self.surface.interpolate @ on_face > 0.99) & on_skin
 
+    def thinner(self, albedo: Floats, skin: Floats) -> dict[Density, Floats]:  # [n] each
+        """How bright the Gaussians of thinner heads are: they have colours of their own."""
+        out: dict[Density, Floats] = {}
+        for preset in detail.THINNER:
+            shares, of = self._blends[preset]
+            free = shares @ self.face.astype(np.float32) > 0.99
+            gains = detail.gains(shares @ albedo, free, of, skin)
+            out[preset] = gains.clip(detail.LEAST, detail.MOST)
+        return out
+
     @cached_property
-    def _blend(self) -> detail.Blend:
-        t = self._t
+    def _blends(self) -> dict[Density, tuple[csr_array, detail.Blend]]:
+        """Of each density: Decoder.shares, and what is seen of the colours: of those that a
+        file holds for the densest, of those that are drawn for thinner ones."""
+        t, out = self._t, dict[Density, tuple[csr_array, detail.Blend]]()
         uv = np.zeros((len(self.template), 2), np.float32)
         uv[self.surface.used] = t["vertex_uv"]
         off = np.abs(self.surface.interpolate @ t["vertex_uv"] - t["anchor_uv"]).max(1)
         whole = self.face & (off < detail.SEAM)
         corners = self.faces[np.unique(self.anchor_triangles[whole])]
-        fields = prior_file.parts(t, self._card, "65k")
-        head = detail.drawn(fields["surface"], fields["opacities"], self.template)
-        places = detail.places(corners, self.template, uv, int(detail.DENSITY * self.face.sum()))
-        return detail.blend(head, fields["shares"], *places)
+        count = int(detail.DENSITY * self.face.sum())
+        places = detail.places(corners, self.template, uv, count)
+        for preset in ("65k", *detail.THINNER):
+            fields = prior_file.parts(t, self._card, preset)
+            head = detail.drawn(fields["surface"], fields["opacities"], self.template)
+            shares, each = fields["shares"], csr_array(eye_array(len(head.points)))
+            out[preset] = shares, detail.blend(head, shares if preset == "65k" else each, *places)
+        return out
 
     def biases(self, rest: Rest, skin: Floats, visibility: Floats) -> tuple[Floats, ...]:
         """The identity encoder: a bias map for every level of the light decoder."""

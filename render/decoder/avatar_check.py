@@ -16,6 +16,7 @@ from sensors.types import InputError
 
 Form = tuple[str, tuple[int, ...]]  # dtype as safetensors names it, shape
 OWN = ("hair_", "beard_")  # their first dimension is a person's own
+OPTIONAL = ("beard_", "detail_")  # all tensors with this prefix, or none
 MAX_OWN = 200_000  # Gaussians of hair or beard
 FAR_MM = 2000.0  # from the middle of the head
 
@@ -30,8 +31,8 @@ def check(tensors: dict[str, NDArray[Any]], path: Path) -> None:
         )
 
     known = forms(weights_file.FOLDER)
-    bearded = any(name.startswith("beard_") for name in tensors)
-    needed = {n: f for n, f in known.items() if bearded or not n.startswith("beard_")}
+    lacks = [p for p in OPTIONAL if not any(name.startswith(p) for name in tensors)]
+    needed = {n: f for n, f in known.items() if not n.startswith(tuple(lacks))}
     if tensors.keys() != needed.keys():
         odd = ", ".join(sorted(tensors.keys() ^ needed.keys())[:3])
         raise fail("the tensors of the shipped avatars", f"others ({odd})")
@@ -49,7 +50,7 @@ def check(tensors: dict[str, NDArray[Any]], path: Path) -> None:
     places = tensors["hair_means"]
     if places.size and np.abs(places.astype(np.float32)).max() > FAR_MM:
         raise fail(f"hair within {FAR_MM:.0f} mm", "some farther away")
-    if bearded and tensors["beard_corners"].size:
+    if "beard_" not in lacks and tensors["beard_corners"].size:
         last, vertices = int(tensors["beard_corners"].max()), len(tensors["geometry"])
         if last >= vertices:
             raise fail(f"corners of the beard below {vertices}", last)

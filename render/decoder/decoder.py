@@ -16,21 +16,23 @@ from scipy.sparse import csr_array
 from render.decoder import highlights, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
 from render.decoder.identity import Identity
-from render.decoder.identity_cache import EMPTY, IdentityCache, static_cloud
+from render.decoder.identity_cache import EMPTY, IdentityCache, reflected, static_cloud
 from render.decoder.kernels import light as kernels
+from render.decoder.kernels.surface import scaled
 from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import SkinGaussians, Surface
 from render.lighting import LIGHTINGS, Lighting
-from render.types import FIELDS, Density, Floats, Gaussians, Mesh
+from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from sensors.rotation import REST
 from sensors.types import HeadPose, InputError
 
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
 KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
+SOME_LIDS = 8  # one in so many tells the colour of a lid
 MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4  # gap of the lips at which the inside of the mouth
 # begins to be drawn, and how much wider they are when it is drawn in full
 
@@ -49,9 +51,10 @@ class Decoder:
     opacities: Floats  # [N]
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
-    interior: NDArray[np.intp]  # [I] Gaussians inside the mouth
+    interior: Ints  # [I] Gaussians inside the mouth
     faces: NDArray[np.int32]  # [F, 3]
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
+    density: Density
     _cache: "WeakKeyDictionary[Identity, IdentityCache]"
 
     @classmethod
@@ -68,7 +71,8 @@ class Decoder:
             known = ", ".join(LIGHTINGS)
             raise InputError(f"light: expected one of {known}, got {light!r}; try studio")
         fields = load(folder, gaussians)
-        return cls(**fields, lighting=LIGHTINGS[light], _cache=WeakKeyDictionary())
+        lighting, cache = LIGHTINGS[light], WeakKeyDictionary()
+        return cls(**fields, density=gaussians, lighting=lighting, _cache=cache)
 
     @property
     def to_code(self) -> Floats:
@@ -170,8 +174,8 @@ class Decoder:
             seen = skin.means[eye] if bent is None else neck.turned_back(skin.means[eye], bent)
             line.tint_covered(vertices, seen, eye, skin.colors[lids].mean(0), skin.colors)
         gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
-        opened = np.clip(gap / MOUTH_OPENS_MM, 0, 1)
-        opacities[self.interior] = cache.opacities[self.interior] * opened
+        opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
+        scaled(cache.opacities, self.interior, opened, opacities)
 
         half = highlights.HALF @ bent.head[:, :3] if bent else highlights.HALF
         spots = slice(count, count + 2)
@@ -193,12 +197,12 @@ class Decoder:
 
     @cached_property
     def eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
-        """Gaussians on each eyeball; on the lids before it."""
+        """Gaussians on each eyeball; some of those on the lids before it."""
         eyelids = self.regions["eyelids"]
         left = np.isin(eyelids, self.posing.lids[0])
         return (
             [self._on(members) for members in self.eyeballs],
-            [self._on(members) for members in (eyelids[left], eyelids[~left])],
+            [self._on(members)[::SOME_LIDS] for members in (eyelids[left], eyelids[~left])],
         )
 
     def _on(self, vertices: NDArray[np.int32]) -> NDArray[np.intp]:
@@ -223,7 +227,7 @@ class Decoder:
                 biases=biases,
                 light=self.light(neutral, biases),
                 rest=rest,
-                reflected=(self.shares @ identity.albedo) ** 2,
+                reflected=reflected(identity, self.shares, self.density),
                 gloss=gloss,
                 rims=gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),

@@ -28,6 +28,7 @@ OPACITY = 0.85  # of skin, at least
 
 # A layer below the skin of the face, see `layered`.
 CELL_MM = 1.9  # one in each cell of a grid
+NARROWER: dict[Density, float] = {"16k": 0.85, "32k": 0.8, "65k": 1.0}  # those above it
 NEAR_MM, FLAT = 4.0, 0.75  # skin so near is flat if its normals agree: cosine
 BELOW, DEPTH_MM, DEEP_OPACITY = 0.8, 1.0, 0.98  # width, as SHARE; under the skin
 

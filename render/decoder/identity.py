@@ -6,26 +6,26 @@ geometry (`avatars/maker.py`). Hair is the person's own: Gaussians that do not m
 and a beard that does.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from render.decoder import avatar_check
+from render.decoder import avatar_check, density
 from render.decoder import beard as beards
 from render.decoder.beard import Beard
 from render.decoder.learned import weights_file
 from render.decoder.posing import GEOMETRY_STEPS, Rest
 from render.strands import Hair
-from render.types import Floats
+from render.types import Density, Floats
 from sensors import folders
 from sensors.types import InputError
 
 KIND = "identity"
 PREFIX = "avatar_"
-GLOSS_STEPS = 160  # in a file, a whole
+GLOSS_STEPS, DETAIL_STEPS = 160, 128  # in a file, a whole
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,6 +41,8 @@ class Identity:
     biases: tuple[Floats, ...]  # per level [texels, C]
     hair: Hair  # [H]
     beard: Beard  # [B] brows, lashes and beard
+    # [n] by density: factors of the brightness of the Gaussians drawn, of thinner heads
+    detail: dict[Density, Floats] = field(default_factory=dict[Density, Floats])
 
     @property
     def geometry(self) -> Floats:
@@ -118,6 +120,11 @@ def load(name: str, folder: Path | None = None) -> Identity:
         biases=tuple(t[f"bias{i}"].astype(np.float32) for i in range(count)),
         hair=hair,
         beard=beards.of(t),
+        detail={
+            preset: t[f"detail_{preset}"].astype(np.float32) / np.float32(DETAIL_STEPS)
+            for preset in density.COUNTS
+            if f"detail_{preset}" in t
+        },
     )
 
 
@@ -149,6 +156,10 @@ def save(who: Identity, folder: Path, card: dict[str, Any], *, private: bool = F
         "hair_albedo": byte(hair.albedo),
         "hair_seen": byte(hair.seen),
         **beards.tensors(who.beard),
+        **{
+            f"detail_{preset}": np.rint(np.clip(gain * DETAIL_STEPS, 0, 255)).astype(np.uint8)
+            for preset, gain in who.detail.items()
+        },
     }
     path = folder / f"{PREFIX}{who.name}"
     weights_file.save(path, tensors, {"kind": KIND, **card}, private=private)

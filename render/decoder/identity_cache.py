@@ -3,11 +3,12 @@
 from typing import NamedTuple
 
 import numpy as np
+from scipy.sparse import csr_array
 
 from render.decoder.identity import Identity
 from render.decoder.neck import Neck, RestSurface, Share
 from render.lighting import Lighting
-from render.types import FIELDS, Floats, Gaussians, Ints, Shine
+from render.types import FIELDS, Density, Floats, Gaussians, Ints, Shine
 
 HIGHLIGHT_MM = 0.75
 
@@ -34,6 +35,14 @@ class IdentityCache(NamedTuple):
 
 
 EMPTY = Gaussians(*(np.zeros((0, *row), np.float32) for row in FIELDS.values()), shine=None)
+
+
+def reflected(identity: Identity, shares: csr_array, density: Density) -> Floats:  # [N, 3]
+    """Linear albedo of the Gaussians drawn; `shares` [N, M] see Decoder."""
+    stored = shares @ identity.albedo
+    if density in identity.detail:
+        stored *= identity.detail[density][:, None]
+    return np.minimum(stored, 1) ** 2
 
 
 def static_cloud(

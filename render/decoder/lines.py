@@ -20,6 +20,9 @@ PUSH_PASSES = 2
 PRESSED_MM, PRESSED_PASSES = np.float32(0.2), 3  # lips may cross by so much more than at rest
 FACING_MM, FACING = 4.5, 8  # vertices of the other lip, so near at rest, that one may press into
 VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge, invisible from the side
+# Of stored colours, upper and lower side: what a lid and its lashes keep from an eye.
+SHADE = np.array([[0.28, 0.30, 0.31], [0.08, 0.10, 0.10]], np.float32)
+SHADE_MM = np.array([2.4, 0.9], np.float32)
 
 
 @dataclass(frozen=True)
@@ -67,9 +70,11 @@ class Line:
         color: Floats,  # [3]
         colors: Floats,  # [N, 3], changed in place
     ) -> None:
-        """Give what the sides cover as seen from the front their colour: no cover is perfect."""
+        """Give what the sides cover as seen from the front their colour: no cover is perfect.
+        What is beside them lies in their shade."""
         sides = vertices, self.upper, self.lower
-        posing_kernels.tint_covered(points, rows, *sides, *VEILED_MM, color, colors)
+        shades = SHADE, SHADE_MM
+        posing_kernels.tint_covered(points, rows, *sides, *VEILED_MM, color, *shades, colors)
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""

@@ -61,6 +61,8 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     head = replace(head, scales=widths)
     if gaussians:
         deep = density.thick(head, template(t), kinds[rows], face, edges)
+        scales = np.where(deep, density.NARROWER[gaussians], 1) * head.scales
+        head = replace(head, scales=scales.astype(np.float32))
         layers = density.layered(head, template(t), deep, shares, opacities)
         head = replace(head.take(layers.rows), scales=layers.widths, depths=layers.depths)
         shares, opacities, rows = layers.shares, layers.opacities, rows[layers.rows]
@@ -77,7 +79,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "opacities": opacities,
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
-        "interior": np.flatnonzero(t["anchor_inside"][rows]),
+        "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
         "faces": faces,
         "regions": regions,
     }

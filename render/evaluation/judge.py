@@ -28,7 +28,7 @@ from render.splats.renderer import wrap_context
 from render.training.data import expressions, face_data
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import assembly as assemblies
-from render.types import Camera, Floats, Gaussians
+from render.types import Camera, Density, Floats, Gaussians
 from sensors import folders
 
 SIZE_PX = 512
@@ -65,6 +65,7 @@ class Judge:
         self.splats = wrap_context(context)
         self.decoder = Decoder.load(gaussians="65k")
         self.maker = Maker(context=context)
+        self._decoders: dict[Density, Decoder] = {"65k": self.decoder}
         self._dressed: Subject | None = None
 
     def subject(self, geometry: Floats, skin: Floats, eye: Floats) -> Subject:
@@ -146,10 +147,11 @@ class Judge:
         coding = self.decoder.coding
         return rig @ coding.to_code + free[0].numpy() @ coding.free
 
-    @cached_property
-    def sparse(self) -> Decoder:
-        """The decoder of the fewest Gaussians."""
-        return Decoder.load(gaussians="16k")
+    def thinner(self, density: Density) -> Decoder:
+        """The decoder of fewer Gaussians; kept."""
+        if density not in self._decoders:
+            self._decoders[density] = Decoder.load(gaussians=density)
+        return self._decoders[density]
 
     def picture(  # type: ignore[no-untyped-def]
         self,
@@ -157,12 +159,11 @@ class Judge:
         code: Floats,
         gaze: Floats,
         camera: Camera,
-        sparse: bool = False,
+        density: Density = "65k",
         matte: bool = False,
     ):
         """Decoded vertices and the picture of the Gaussians [H, W, 3]; matte: without lobes."""
-        decoder = self.sparse if sparse else self.decoder
-        mesh, cloud = decoder.decode(code, gaze, who.identity)
+        mesh, cloud = self.thinner(density).decode(code, gaze, who.identity)
         if matte:
             cloud = replace(cloud, shine=None)
         self.splats.draw(cloud, camera)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from render.avatars import lashes, textures
+from render.avatars import detail, lashes, textures
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
@@ -224,7 +224,7 @@ def run(assembly: Assembly, wardrobe: Wardrobe, folder: Path, card: dict[str, ob
     maker = Maker(folder)
     for name, recipe in tqdm(RECIPES.items(), desc="avatars", unit="avatar"):
         who = make(assembly, maker, wardrobe, name, recipe)
-        identity.save(who, folder, {"recipe": asdict(recipe), **card})
+        identity.save(who, folder, {"recipe": asdict(recipe), "detail": detail.card(), **card})
 
 
 def eyes(

@@ -163,8 +163,11 @@ def tint_covered(
     near: np.float32,  # mm behind the edge of a side up to which nothing changes
     far: np.float32,  # mm from where all is veiled
     color: Floats,  # [3]
+    shade: Floats,  # [2, 3] how much darker right under the upper edge, over the lower one
+    reach: Floats,  # [2] mm from the edges at which that is a quarter
     colors: Floats,  # [N, 3], changed in place
 ) -> None:
+    one, zero = np.float32(1), np.float32(0)
     left = right = points[0, 0]
     for n in range(len(points)):
         left, right = min(left, points[n, 0]), max(right, points[n, 0])
@@ -182,6 +185,10 @@ def tint_covered(
         above = y - (top[k] + part * (top[k + 1] - top[k]))
         below = bottom[k] + part * (bottom[k + 1] - bottom[k]) - y
         share = (max(above, below) - near) / (far - near)
-        share = min(max(share, np.float32(0)), np.float32(1))
+        share = min(max(share, zero), one)
+        under, over = max(-above, zero) / reach[0], max(-below, zero) / reach[1]
+        under, over = one / (one + under * under), one / (one + over * over)
+        under, over = under * under, over * over
         for c in range(3):
-            colors[row, c] += share * (color[c] - colors[row, c])
+            lit = colors[row, c] * (one - shade[0, c] * under) * (one - shade[1, c] * over)
+            colors[row, c] = lit + share * (color[c] - lit)

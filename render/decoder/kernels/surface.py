@@ -133,6 +133,13 @@ def develop(values: Floats, film: Floats) -> None:  # [n] linear -> stored, in p
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
+def scaled(values: Floats, rows: Ints, by: np.float32, out: Floats) -> None:
+    """[N], [n] -> [N], these rows."""
+    for row in rows:
+        out[np.uintp(row)] = by * values[np.uintp(row)]
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
 def attach(
     vertices: Floats,  # [V, 3] mm
     corners: Shorts,  # [B, 3] vertices of the triangles that strands stand on

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
 from render.decoder.surface import Surface, build
+from render.training.geometry import mouth_anchors
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.teeth import fronts
+from render.training.geometry.scatter import scatter
 from render.training.geometry.visibility import seen, views
 from render.training.look import clothes
 from render.types import Floats, Gaussians, Ints
@@ -19,7 +19,6 @@ MATERIAL = {
     "M_Face": 0.24,
     "M_BackHead": 0.11,
     "M_GumsTongue": 0.28,
-    "M_Teeth": 0.45,
     "M_ScleraLeft": 4.5,
     "M_ScleraRight": 4.5,
 }
@@ -27,10 +26,7 @@ REGION = {"narrow_face": 4.6, "lips": 1.9, "eyelids": 2.2, "brows": 1.2}  # fact
 NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the mean face
 COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
 MOUTH_BAG = 0.12
-TOOTH_FRONT, TOOTH_REST, TOOTH_WIDTH = 6.0, 0.5, 1.2  # density and width of teeth, factors
-CANDIDATES = 8  # darts thrown a Gaussian kept
-SPACING = 0.82  # smallest distance of two neighbours, in units of 1 / sqrt(density)
-RELAXATIONS = 4
+TEETH, GUMS = 0.092, 0.058  # of all Gaussians, see mouth_anchors.py
 WIDTH = 0.70  # standard deviation, in units of 1 / sqrt(density), before the fit
 # What can come to light: an open mouth, bared teeth, closed eyes, a raised tongue.
 POSES: tuple[dict[str, float], ...] = (
@@ -68,53 +64,21 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
     neckline = np.abs(clothes.height(corners.mean(1))) < COLLAR_MM
     density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
     density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
-    teeth = assembly.kinds == mesh_parts.TEETH
-    density[teeth] *= np.where(fronts(assembly), TOOTH_FRONT, TOOTH_REST)[teeth]
-    density[assembly.kinds < 0] = 0
+    gums = np.isin(face.faces, face.regions["gums"]).all(1)
+    density[gums | (assembly.kinds == mesh_parts.TEETH) | (assembly.kinds < 0)] = 0
     for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
         inside = np.isin(face.faces, eye).all(1)
         density[inside & (corners[:, :, 2].mean(1) < face.neutral[eye, 2].mean() - 4)] = 0
-    density *= count / (area * density).sum()
+    density *= (1 - TEETH - GUMS) * count / (area * density).sum()
     triangles, barycentric = scatter(corners, normals, area, density, rng)
-    widths = WIDTH / np.sqrt(density[triangles]) * np.where(teeth[triangles], TOOTH_WIDTH, 1)
-    anchors = Anchors(triangles, barycentric, widths.astype("f4"))
-    return _keep(anchors, visible(assembly, anchors))
-
-
-def scatter(
-    corners: Floats,  # [F, 3, 3] mm
-    normals: NDArray[np.floating],  # [F, 3]
-    area: Floats,  # [F] mm^2
-    density: NDArray[np.float64],  # [F] Gaussians a mm^2
-    rng: np.random.Generator,
-) -> tuple[Ints, Floats]:  # triangles [N], barycentric [N, 3]
-    """Poisson-disk points, then Lloyd's relaxation over the darts: even cover without holes."""
-    expected = np.cumsum(area * density) * CANDIDATES
-    darts = np.searchsorted(expected, rng.uniform(0, expected[-1], int(expected[-1])))
-    u, v = rng.uniform(0, 1, (2, len(darts)))
-    fold = u + v > 1
-    u[fold], v[fold] = 1 - u[fold], 1 - v[fold]
-    barycentric = np.stack([1 - u - v, u, v], 1)
-    points = (corners[darts] * barycentric[..., None]).sum(1)
-    normal = (normals / (np.linalg.norm(normals, axis=1, keepdims=True) + 1e-9))[darts]
-    radius = SPACING / np.sqrt(density[darts])
-    tree = KDTree(points)
-    free, kept = np.ones(len(darts), bool), []
-    for dart in range(len(darts)):
-        if free[dart]:
-            kept.append(dart)
-            near = np.array(tree.query_ball_point(points[dart], radius[dart]))
-            free[near[normal[near] @ normal[dart] > 0.3]] = False
-    # Points and normals together: the two sides of a lip are neighbours in space only.
-    both = np.concatenate([points, 6.0 * normal], 1)
-    chosen = np.array(kept)
-    for _ in range(RELAXATIONS):
-        _, owner = KDTree(both[chosen]).query(both)
-        size = np.bincount(owner, minlength=len(chosen))[:, None] + 1e-9
-        centre = np.stack([np.bincount(owner, both[:, k], len(chosen)) for k in range(6)], 1) / size
-        _, chosen = KDTree(both).query(centre)
-        chosen = np.unique(chosen)
-    return darts[chosen].astype(np.int32), barycentric[chosen].astype(np.float32)
+    anchors = Anchors(triangles, barycentric, (WIDTH / np.sqrt(density[triangles])).astype("f4"))
+    anchors = _keep(anchors, visible(assembly, anchors))
+    inside = [
+        Anchors(*mouth_anchors.place(assembly, on, int(share * len(anchors.triangles)), seed))
+        for on, share in ((mouth_anchors.crowns, TEETH), (mouth_anchors.gums, GUMS))
+    ]
+    parts = (vars(part).values() for part in (anchors, *inside))
+    return Anchors(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
 
 
 def _keep(anchors: Anchors, which: NDArray[np.bool_]) -> Anchors:

@@ -1,4 +1,4 @@
-"""Teeth: where their Gaussians go, and how their light is read from the map of the light decoder.
+"""Teeth: how their light is read from the map of the light decoder.
 
 In the map many teeth lie on the same texels, so the network can only learn their mean: a smile
 would show grey teeth, one brighter than the next. The light on a tooth follows from that around it
@@ -10,25 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.decoder import mesh_parts
-from render.training.geometry.assembly import Assembly
 from render.types import Floats
 
-ARCH_MM = 74.0  # the middle of the arch of teeth; what lies behind it is hardly ever seen
 TEXELS = 12
 RIDGE = 1e-3  # share of the mean variance of a texel
 TARGETS = 12  # principal components of the teeth's light that choose the texels
-
-
-def fronts(assembly: Assembly) -> NDArray[np.bool_]:  # [F]
-    """Triangles on the front of the teeth: what a smile shows."""
-    corners = assembly.face.neutral[assembly.face.faces]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    out = corners.mean(1) - (0.0, 0.0, ARCH_MM)
-    out[:, 1] = 0
-    facing = (normals * out).sum(1)
-    facing /= np.linalg.norm(normals, axis=1) * np.linalg.norm(out, axis=1) + 1e-9
-    return (assembly.kinds == mesh_parts.TEETH) & (facing > 0.2) & (out[:, 2] > 0)
 
 
 def light(

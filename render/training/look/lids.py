@@ -8,7 +8,7 @@ from render.types import Floats
 
 REACH_MM, FADE_MM = 8.0, 2.0  # from the edges of the lids; over what width it ends
 RING_MM = 6.0, 14.0  # whose median colour counts
-LEAST, MOST = 0.93, 1.12  # of red and blue over green, against the ring's
+LEAST, MOST = 0.95, 1.05  # of red and blue over green, against the ring's
 
 
 def calmed(
@@ -25,7 +25,11 @@ def calmed(
         ring = skin & (apart > RING_MM[0]) & (apart < RING_MM[1])
         near = skin & (apart < REACH_MM)
         usual, before = np.median(albedo[ring], 0), out[near]
-        hue = np.clip(before / before[:, 1:2], LEAST * usual / usual[1], MOST * usual / usual[1])
+        hue = np.clip(
+            before / np.maximum(before[:, 1:2], 1e-3),
+            LEAST * usual / usual[1],
+            MOST * usual / usual[1],
+        )
         hue[:, 1] = 1
         after = hue * (before.sum(1) / hue.sum(1))[:, None]
         out[near] += np.clip((REACH_MM - apart[near]) / FADE_MM, 0, 1)[:, None] * (after - before)

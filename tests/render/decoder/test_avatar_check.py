@@ -32,6 +32,13 @@ def test_a_copy_of_a_shipped_avatar_loads_from_its_file(tmp_path: Path) -> None:
     assert who.name == "evil" and len(who.beard) == len(identity.load("hugo").beard)
 
 
+def test_an_avatar_without_colours_of_thinner_heads_has_the_means(tmp_path: Path) -> None:
+    tensors = shipped("hugo")
+    assert set(identity.load("hugo").detail) == {"16k", "32k"}
+    plain = {k: v for k, v in tensors.items() if not k.startswith("detail_")}
+    assert identity.load(write(tmp_path, plain)).detail == {}
+
+
 @pytest.mark.parametrize(
     ("name", "change"),
     [
@@ -45,6 +52,8 @@ def test_a_copy_of_a_shipped_avatar_loads_from_its_file(tmp_path: Path) -> None:
         ("beard_corners", lambda t: np.full_like(t, 65_535)),  # red before: segmentation fault
         ("beard_shares", lambda t: t[:7]),
         ("shut", lambda t: None),
+        ("detail_32k", lambda t: t[:-1]),
+        ("detail_16k", lambda t: None),
         ("more", lambda t: np.zeros(3, np.float32)),
     ],
 )

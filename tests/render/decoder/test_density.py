@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 
 from render import cameras
 from render.avatars import sheet
-from render.decoder import density, identity, prior_file
+from render.decoder import density, identity, mesh_parts, prior_file
 from render.decoder.decoder import Decoder
 from render.decoder.learned import weights_file
 
@@ -37,7 +37,7 @@ def test_they_are_an_even_half(decoders):
     apart = KDTree(points[stays]).query(points[stays], k=2)[0][:, 1]
     by_chance = KDTree(points[:1900]).query(points[:1900], k=2)[0][:, 1]
     assert np.quantile(apart, 0.02) > 4 * np.quantile(by_chance, 0.02)
-    for preset, count in (("16k", 16_000), ("32k", 32_000), ("65k", 64_755)):
+    for preset, count in (("16k", 16_000), ("32k", 32_000), ("65k", 64_674)):
         assert (decoders[preset].surface.depths == 0).sum() == count
 
 
@@ -98,3 +98,27 @@ def test_what_hair_covers_is_not_drawn(decoders):
         assert len(covered) > 5 and cloud.opacities[covered].max() < 1e-5
         bare = (decoder.shares[:, :1000].sum(1) == 0).nonzero()[0]
         assert cloud.opacities[bare].mean() > 0.3
+
+
+def test_thinner_heads_have_colours_of_their_own(decoders):
+    from dataclasses import replace
+
+    who = identity.load("ben")
+    for preset in ("16k", "32k"):
+        decoder = decoders[preset]
+        gains = who.detail[preset]
+        assert gains.shape == decoder.opacities.shape and 0.02 < gains.std() < 0.3
+        own, mean = (decoder.cached(w).reflected for w in (who, replace(who, detail={})))
+        changed = gains != 1
+        assert np.abs(own - mean)[changed].mean() > 1e-3 and (own == mean)[~changed].all()
+
+
+def test_teeth_leave_the_gaps_between_them_open(decoders):
+    """Red before: a Gaussian of 2 to 3 mm on the side of a tooth filled them."""
+    tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    on_teeth = (tensors["anchor_kinds"] == mesh_parts.TEETH).astype(np.float32)
+    for preset, most_mm in (("32k", 1.6), ("65k", 1.6)):
+        decoder = decoders[preset]
+        places = decoder.surface.interpolate @ identity.load("ben").geometry[decoder.surface.used]
+        widths = decoder.surface.scales[(decoder.shares @ on_teeth > 0.5) & (places[:, 2] > 92)]
+        assert len(widths) > 1000 and np.percentile(widths, 99) < most_mm

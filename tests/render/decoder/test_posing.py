@@ -73,6 +73,19 @@ def test_lips_that_press_do_not_cross_away_from_their_line(decoder, activations)
         assert LipCrossing(rest.geometry, upper, lower).depth_mm(posed) < 0.3
 
 
+def test_a_lid_shades_the_eye_below_it(decoder):
+    who = identity.load("ben")
+    line, eye = decoder.posing.lid_lines[0], decoder.eyes[0][0]
+    vertices = decoder.posing.pose(rig_of(decoder), AHEAD, who.rest)
+    points = decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1].means[eye]
+    white = np.ones((int(eye.max()) + 1, 3), np.float32)
+    line.tint_covered(vertices, points, eye, np.ones(3, np.float32), white)
+    clear = np.array([line.clearance(vertices, p) for p in points])
+    middle = points[:, 1] > np.median(points[clear > 0, 1])  # nearer to the upper lid
+    near, far = (white[eye[middle & (clear > a) & (clear < b)]] for a, b in ((0, 1), (3, 9)))
+    assert near.mean() < 0.85 < 0.93 < far.mean()
+
+
 def test_closing_the_mouth_only_undoes_the_jaw(decoder):
     """mouthClose without jawOpen would drive the lips through each other."""
     rest = identity.load("ben").rest

@@ -86,7 +86,8 @@ def test_colours_are_albedo_under_light(decoder, talking):
     gains = np.ones_like(normals)
     gains[surface.live] = surface.flush(sums, surface.face.normals(who.geometry)[1])
     light = gains * STUDIO.shade(normals, seen.T)
-    linear = (decoder.shares @ who.albedo) ** 2 * (surface.interpolate @ light)
+    own = (decoder.shares @ who.albedo) * who.detail[decoder.density][:, None]
+    linear = np.minimum(own, 1) ** 2 * (surface.interpolate @ light)
     expected = developed(linear)
     rims = decoder.shares @ who.gloss * (surface.interpolate @ seen[2])
     np.testing.assert_allclose(cloud.shine.weights[:, 2], rims, atol=1e-4)
