@@ -20,8 +20,10 @@ from encoder.nn.modules import fill
 from encoder.training.checkpoints import load_encoder
 from encoder.training.stages.diffusion import TRUTH
 from encoder.types import Condition, Weights
+from sensors.types import InputError
 
 DIRECT = "direct."  # how the names of the direct path's tensors begin
+TALKERS = "blocks_talkers"  # in a student's card: whose motion its blocks learned from
 
 
 @dataclass(frozen=True)
@@ -49,6 +51,16 @@ class OldChain:
     def blocks(self) -> str:
         """The sha256 of the student whose blocks these are."""
         return str(self.card.get("blocks", self.card["sha256"]))
+
+    def check_left_out(self, talkers: tuple[str, ...]) -> None:
+        """Raise InputError where the blocks know one of them: figures would flatter."""
+        known = sorted(set(talkers) & set(self.card.get(TALKERS, ())))
+        if known:
+            raise InputError(
+                f"--leave-out: expected talkers whose motion no part has learned from, got "
+                f"{', '.join(known)}, whom the blocks of {self.folder} know; leave out others, or "
+                "train the blocks without them: livedrive train distill --leave-out ..."
+            )
 
     def student(self) -> Denoiser:
         path = self.folder / STUDENTS[self.sizes.condition]
@@ -91,7 +103,8 @@ def write(
     the student's card."""
     sizes, weights = listening(old, direct, contact)
     card = old.card
-    kept = {k: card[k] for k in ("teacher", "guidance", "steps", "seed", "history") if k in card}
+    names = ("teacher", "guidance", "steps", "seed", "history", TALKERS)
+    kept = {k: card[k] for k in names if k in card}
     card = {
         "kind": "student",
         "config": asdict(sizes),

@@ -157,6 +157,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     """Train, and write the chain: encoder, student and what extends it; with talkers left out, only
     the student."""
     old = chain.OldChain.load(config.old)
+    old.check_left_out(config.without)
     phones = load_encoder(config.phones)
     recipe = f"{checkpoint.load(config.phones, 'audio')[1]['sha256']} {old.blocks}"
     student = old.student()

@@ -17,11 +17,11 @@ from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
 from encoder.denoiser.zero_conv import ZeroConvs
 from encoder.emotion.labels import LABELS
-from encoder.inference import load_networks, load_student
+from encoder.inference import WEIGHTS, load_networks, load_student
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
-from encoder.training.stages import listen
+from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
 from encoder.training.streams.pieces import SpokenPieces, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
@@ -249,3 +249,10 @@ def test_who_is_left_out_gets_a_student_and_nothing_else(config, tmp_path) -> No
     listen.run(config, FACE)
     listen.run(replace(config, without=("tone",), output=tmp_path / "left"), FACE)
     assert [path.name for path in (tmp_path / "left").glob("*.json")] == ["student.json"]
+
+
+def test_talkers_whom_the_blocks_know_are_not_left_out() -> None:
+    shipped = chain.OldChain.load(WEIGHTS)
+    shipped.check_left_out(("grid-s4", "grid-s30", "grid-s33"))
+    with pytest.raises(InputError, match="got grid-s2, grid-s5, whom the blocks of"):
+        shipped.check_left_out(("grid-s5", "grid-s4", "grid-s2"))
