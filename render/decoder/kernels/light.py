@@ -91,6 +91,9 @@ def vertex_attributes(
             out[n, 4], out[n, 5] = -(e * nx + f * ny + g * nz), a * nx + b * ny + c * nz
             out[n, 6], out[n, 7], out[n, 8] = light[0, m], light[1, m], light[2, m]
             out[n, 9], out[n, 10] = shares[1, m], shares[0, m]
+            # `mix` computes with them, too: left as memory was, denormal numbers made a decode
+            # take 12 ms instead of 2.5, in one process of four.
+            out[n, 11:] = zero
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
