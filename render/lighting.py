@@ -18,6 +18,7 @@ WRAP = np.array([0.24, 0.12, 0.08], np.float32)  # how far red, green, blue reac
 BLEED = np.array([0.45, -0.04, -0.12], np.float32)  # more of them where half the light is seen
 BOUNCE = np.array([0.12, 0.075, 0.065], np.float32)  # of the sky, seen even inside a mouth
 EXPOSURE = 0.85
+LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)  # how bright red, green, blue are seen
 # x (a x + b) / (x (c x + d) + e): Narkowicz's fit of the ACES curve, at that exposure
 FILM = np.array([2.51, 0.03 / EXPOSURE, 2.43, 0.59 / EXPOSURE, 0.14 / EXPOSURE**2], np.float32)
 

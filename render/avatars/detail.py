@@ -15,6 +15,7 @@ from scipy.sparse import csr_array, vstack
 
 from render.avatars import textures
 from render.decoder.surface import Surface
+from render.lighting import LUMINANCE
 from render.types import Density, Floats
 
 DENSITY = 3.0  # places a Gaussian
@@ -26,7 +27,6 @@ LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
 STAY, STEPS = 0.22, 20  # how much a colour that stays is worth; of least squares
 THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
 LEAST, MOST = 0.7, 1.35  # gain of wide Gaussians: each is seen as a dot
-LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 SEAM = 1e-3  # of texture coordinates
 ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
 

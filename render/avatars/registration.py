@@ -21,6 +21,7 @@ from render.decoder import identity
 from render.types import Floats, Ints
 from sensors.types import InputError
 
+EYES_MM = 5.0  # height above which what is no skin belongs to an eye
 SKIN_VERTICES = 11248  # of the mesh, the first
 ATTACHED = 14062  # with the insides of mouth and sockets, which hang on them
 REACH_MM = (25.0, 8.0)  # pairs farther apart do not count: at first, at the end
@@ -81,7 +82,7 @@ def register(maker: Maker, scan: Scan, landmarks: dict[str, Doubles], progress: 
             np.add.at(right, rows, shares[:, None] * goal)
             system = csc_array(weight * bend + diags_array(load + RIDGE))
             moved[:ATTACHED] = splu(system).solve(right)
-    geometry = known + moved + _parts(maker, moved)
+    geometry = known + moved + attached(maker, moved)
     gap, share, _ = _pairs(maker, scan, tree, geometry, face, REACH_MM[1])
     seen = share > 0
     left = float(np.linalg.norm(gap[seen], axis=1).mean()) if seen.any() else np.inf
@@ -188,7 +189,7 @@ def _bending(maker: Maker) -> csc_array:  # [ATTACHED, ATTACHED]
     return csc_array(laplace.T @ diags_array(calm) @ laplace)
 
 
-def _parts(maker: Maker, moved: Doubles) -> Doubles:  # [V, 3]
+def attached(maker: Maker, moved: Doubles) -> Doubles:  # [V, 3]
     """Eyeballs and teeth go with what is around them, as they are; lashes with their lids."""
     out, at = np.zeros_like(moved), maker.template
     skin = np.unique(maker.skin)
@@ -196,7 +197,7 @@ def _parts(maker: Maker, moved: Doubles) -> Doubles:  # [V, 3]
     rest = np.arange(ATTACHED, len(at))
     lips, lids = maker.regions["lips"], maker.regions["eyelids"]
     out[rest] = moved[lips].mean(0)  # gums, tongue, teeth
-    high = rest[at[rest, 1] > 5]  # eyes and what lies on them
+    high = rest[at[rest, 1] > EYES_MM]  # eyes and what lies on them
     for sign in (1, -1):
         side, own = high[sign * at[high, 0] > 0], lids[sign * at[lids, 0] > 0]
         out[side] = moved[own].mean(0)

@@ -10,7 +10,7 @@ from render.avatars.maker import Maker
 from render.avatars.surface_scan import Scan
 from render.decoder import mesh_parts
 from render.decoder.posing import sphere_centre
-from render.types import Floats
+from render.types import Doubles, Floats
 
 SIZE = 512  # texels: half of the atlas, about what a scan shows
 NEIGHBOURS = 3
@@ -33,7 +33,12 @@ def paint(maker: Maker, geometry: Floats, scan: Scan) -> Floats:  # [1024, 2048,
     known = np.clip((high - distance[:, 0]) / (high - low), 0, 1).reshape(SIZE, 2 * SIZE, 1)
     sums = gaussian_filter(picture * (known + 1e-4), (SOFT, SOFT, 0))
     around = sums / gaussian_filter(known + 1e-4, (SOFT, SOFT, 0))
-    rgb = np.rint(255 * np.clip(around + known * (picture - around), 0, 1)).astype(np.uint8)
+    return enlarged(np.clip(around + known * (picture - around), 0, 1))
+
+
+def enlarged(stored: Floats | Doubles) -> Floats:  # [SIZE, 2 * SIZE, 3] 0..1 -> [1024, 2048, 3]
+    """As large as an atlas."""
+    rgb = np.rint(255 * stored).astype(np.uint8)
     large = Image.fromarray(rgb).resize((2048, 1024), Image.Resampling.BICUBIC)
     return np.asarray(large, np.float32) / np.float32(255)
 

@@ -4,11 +4,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, uniform_filter
 
+from render.lighting import LUMINANCE
 from render.types import Floats
 
 Mask = NDArray[np.bool_]
 SSIM_WINDOW_PX = 7
-LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 PAIR_MM, MOUTH_HALF_MM = 2.5, 20.0
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import cameras
-from render.avatars import hair_transfer, lashes, registration
+from render.avatars import hair_transfer, lashes, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.avatars.photos import dress, picture
@@ -24,6 +24,7 @@ from render.decoder.beard import joined
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.gl.contexts import GLContext
+from render.lighting import LUMINANCE
 from render.splats.renderer import wrap_context
 from render.training.data import face_data, people
 from render.training.fitting.wardrobe import Wardrobe
@@ -43,7 +44,7 @@ FRONTS: tuple[dict[str, float], ...] = (
     {"jawOpen": 0.35},
 )
 COARSE = 16  # colours across the face
-LUMINANCE, DARKEST = np.array([0.3, 0.59, 0.11], np.float32), np.float32(0.02)
+DARKEST = np.float32(0.02)  # added before logarithms
 
 
 @dataclass(frozen=True)
@@ -104,10 +105,7 @@ class PhotoStudio:
         rig: dict[str, float] | None = None,
     ) -> NDArray[np.uint8]:  # [1024, 1024, 3]
         decoder = self._decoders[light]
-        values = np.zeros(len(decoder.rig_names), np.float32)
-        for name, value in (rig or {}).items():
-            values[decoder.rig_names.index(name)] = value
-        cloud = decoder.decode(decoder.encode(values), AHEAD, who)[1]
+        cloud = decoder.decode(sheet.code(decoder, rig or {}), AHEAD, who)[1]
         self.renderer.draw(cloud, cameras.portrait(SIZE_PX, SIZE_PX, yaw, pitch, distance_mm))
         return self.renderer.read_rgba()[..., :3].copy()
 

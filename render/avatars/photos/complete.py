@@ -1,7 +1,6 @@
 """The skin that no photograph shows: the other side of the face, then how skins vary over heads."""
 
 import numpy as np
-from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
@@ -61,10 +60,7 @@ def complete(
     soft = gaussian_filter(np.minimum(weight, 1), 3.0)
     soft = np.minimum(soft, weight)[..., None]
     linear = soft * color.reshape(*shape, 3) + (1 - soft) * base
-    stored = np.sqrt(np.clip(linear / EXPOSURE, 0.0, 0.95))
-    rgb = np.rint(255 * stored).astype(np.uint8)
-    large = Image.fromarray(rgb).resize((2048, 1024), Image.Resampling.BICUBIC)
-    return np.asarray(large, np.float32) / np.float32(255)
+    return scan_texture.enlarged(np.sqrt(np.clip(linear / EXPOSURE, 0.0, 0.95)))
 
 
 def _spread(values: Doubles, weight: Doubles) -> Doubles:  # [H, W, 3], [H, W]

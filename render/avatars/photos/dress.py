@@ -7,12 +7,12 @@ import numpy as np
 from render.avatars.maker import Maker
 from render.decoder import mesh_parts
 from render.decoder.identity import Identity
+from render.lighting import LUMINANCE
 from render.types import Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
 SCALP_MM, BACK_MM = (60.0, 78.0), (5.0, 20.0)  # above, or behind, are roots
 NAPE_MM = -60.0  # not below
-LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 
 
 def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:

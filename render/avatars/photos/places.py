@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import cameras
+from render.avatars import sheet
 from render.avatars.maker import Maker
 from render.avatars.photos.detector import ON_SKIN, FaceDetector
 from render.decoder import identity
@@ -70,10 +71,7 @@ def make(
     cast = Caster(maker.skin)
     hits: list[Doubles] = []
     for name, pose in tqdm(list(product(people, POSES)), desc="landmarks", disable=None):
-        who, rig = identity.load(name), np.zeros(len(decoder.rig_names), np.float32)
-        for key, value in pose.items():
-            rig[decoder.rig_names.index(key)] = value
-        code = decoder.encode(rig)
+        who, code = identity.load(name), sheet.code(decoder, pose)
         vertices, cloud = decoder.vertices(code, AHEAD, who), decoder.decode(code, AHEAD, who)[1]
         for yaw, pitch in product(YAWS, PITCHES):
             camera = cameras.portrait(SIZE_PX, SIZE_PX, yaw, pitch)

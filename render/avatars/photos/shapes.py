@@ -15,14 +15,13 @@ from scipy.spatial import KDTree
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.avatars.photos.places import PointPlaces
-from render.avatars.registration import ATTACHED, SKIN_VERTICES, visible
+from render.avatars.registration import ATTACHED, SKIN_VERTICES, attached, visible
 from render.decoder import identity
 from render.types import Doubles, Ints
 
 REACH_MM = 80.0  # over which parts of a face belong together
 SPREAD = 1.3  # how much more people differ than the shipped ones
 MODES = 120
-EYES_MM = 5.0  # height above which what is no skin belongs to an eye
 LEAST = 1e-5  # of the largest variance
 
 
@@ -93,12 +92,7 @@ def mirrored(vertices: Doubles) -> Ints:  # [V, 3] -> [V]
 def _anchors(maker: Maker, mean: Doubles) -> Doubles:
     """Eyeballs with their lashes, and what is in the mouth, each as one."""
     out = mean.copy()
-    rest = np.arange(ATTACHED, len(mean))
-    out[rest] = mean[maker.regions["lips"]].mean(0)
-    high, lids = rest[maker.template[rest, 1] > EYES_MM], maker.regions["eyelids"]
-    for sign in (1, -1):
-        own = lids[sign * maker.template[lids, 0] > 0]
-        out[high[sign * maker.template[high, 0] > 0]] = mean[own].mean(0)
+    out[ATTACHED:] = attached(maker, mean)[ATTACHED:]
     bag = np.arange(SKIN_VERTICES, ATTACHED)  # hangs on the skin around it
     _, skin = KDTree(maker.template[:SKIN_VERTICES]).query(maker.template[bag])
     out[bag] = mean[skin]

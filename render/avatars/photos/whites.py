@@ -6,7 +6,7 @@ from scipy.ndimage import binary_erosion
 
 from render.avatars.photos.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
 from render.avatars.photos.picture import Photo
-from render.lighting import exposed
+from render.lighting import LUMINANCE, exposed
 from render.types import Doubles
 
 IRIS = 1.15  # radii of an iris that are not white
@@ -14,7 +14,6 @@ EDGE_PX = 2  # from the lids
 LEAST = 30  # pixels that tell a colour
 BRIGHT = (50, 90)  # percentiles: neither veins and shade nor a highlight
 WHITE = np.array([1.2, 1.0, 0.9])  # of an eye, relative to green: between drawn and real ones
-LUMINANCE = np.array([0.3, 0.59, 0.11])
 TRUST, MOST = 0.8, 1.7  # power of what is found; its limit
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates
 
+from render.lighting import LUMINANCE
 from render.training.data.face_data import EYE_PICTURE_DEG, FaceData
 from render.types import Floats
 
@@ -48,7 +49,7 @@ def _fibres(face: FaceData, radius: Array, around: Array) -> Floats:  # [...] ga
     """Of Reom's iris (CC BY), or drawn if that picture is not there."""
     path = face.folder / "reom" / "Iris_BaseColor_Edit.jpg"
     if path.is_file():
-        light = face.image(f"reom/{path.name}") @ np.array([0.3, 0.59, 0.11], np.float32)
+        light = face.image(f"reom/{path.name}") @ LUMINANCE
         light = gaussian_filter(light, light.shape[0] / 2048)
         half = 0.5 * light.shape[0]
         where = [half - 0.99 * half * radius * np.sin(around),

@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt, map_coordinates
 
+from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
 from render.training.data.people import Skin
 from render.training.look.places import SIZE, Places, soft
 from render.training.look.relief import Relief, noise
 from render.types import Floats
 
-LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
