@@ -9,10 +9,14 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from render.evaluation.judge import Judge, Subject
+    from render.types import Density
 
 VIEW_YAW_DEG, VIEW_PITCH_DEG = 30.0, 15.0
 NUM_CODES, NUM_AVATARS = 200, 8
 NUM_GAZES = 5  # of each person
+# Endings of the names of metrics, and what is drawn for them: at 512 pixels, at 1024.
+THINNER: tuple[tuple[str, "Density"], ...] = (("_32k", "32k"), ("_16k", "16k"))
+LARGE: tuple[tuple[str, "Density"], ...] = (("_1024", "65k"), ("_1024_32k", "32k"))
 TIMED_FRAMES = 60
 
 
@@ -56,44 +60,27 @@ def held_out(
             mask = judge.face_mask(who, truth, camera)
             code = judge.encode(who, truth, light)
             vertices, picture = judge.picture(who, code, gaze, camera)
-            thinner = judge.picture(who, code, gaze, camera, "32k")[1]
-            sparse = judge.picture(who, code, gaze, camera, "16k")[1]
             _, matte = judge.picture(who, code, gaze, camera, matte=True)
+            small_face = reference, mask
             large_mask = judge.face_mask(who, truth, large)
-            large_reference = judge.true_picture(who, truth, light, large)
-            _, large_picture = judge.picture(who, code, gaze, large)
-            large_thinner = judge.picture(who, code, gaze, large, "32k")[1]
+            large_face = judge.true_picture(who, truth, light, large), large_mask
             error = prior_metrics.distances(vertices, truth)
-            for name, value in (
-                ("vertex_error_mean_mm", error[used].mean()),
-                ("vertex_error_lips_mm", error[face.regions["lips"]].mean()),
-                ("vertex_error_eyelids_mm", error[face.regions["eyelids"]].mean()),
-                ("face_psnr_db", prior_metrics.psnr_db(picture, reference, mask)),
-                ("face_ssim", prior_metrics.ssim(picture, reference, mask)),
-                ("face_sharpness", prior_metrics.sharpness(picture, reference, mask)),
-                ("face_psnr_without_lobe_db", prior_metrics.psnr_db(matte, reference, mask)),
-                (
-                    "face_psnr_1024_db",
-                    prior_metrics.psnr_db(large_picture, large_reference, large_mask),
-                ),
-                (
-                    "face_sharpness_1024",
-                    prior_metrics.sharpness(large_picture, large_reference, large_mask),
-                ),
-                ("face_psnr_32k_db", prior_metrics.psnr_db(thinner, reference, mask)),
-                ("face_ssim_32k", prior_metrics.ssim(thinner, reference, mask)),
-                ("face_sharpness_32k", prior_metrics.sharpness(thinner, reference, mask)),
-                (
-                    "face_psnr_1024_32k_db",
-                    prior_metrics.psnr_db(large_thinner, large_reference, large_mask),
-                ),
-                (
-                    "face_sharpness_1024_32k",
-                    prior_metrics.sharpness(large_thinner, large_reference, large_mask),
-                ),
-                ("face_psnr_16k_db", prior_metrics.psnr_db(sparse, reference, mask)),
-                ("face_ssim_16k", prior_metrics.ssim(sparse, reference, mask)),
-            ):
+            values = {
+                "vertex_error_mean_mm": error[used].mean(),
+                "vertex_error_lips_mm": error[face.regions["lips"]].mean(),
+                "vertex_error_eyelids_mm": error[face.regions["eyelids"]].mean(),
+                "face_psnr_without_lobe_db": prior_metrics.psnr_db(matte, *small_face),
+            }
+            thinner = {of: judge.picture(who, code, gaze, camera, d)[1] for of, d in THINNER}
+            for of, shown in {"": picture, **thinner}.items():
+                values[f"face_psnr{of}_db"] = prior_metrics.psnr_db(shown, *small_face)
+                values[f"face_ssim{of}"] = prior_metrics.ssim(shown, *small_face)
+                values[f"face_sharpness{of}"] = prior_metrics.sharpness(shown, *small_face)
+            for of, density in LARGE:
+                shown = judge.picture(who, code, gaze, large, density)[1]
+                values[f"face_psnr{of}_db"] = prior_metrics.psnr_db(shown, *large_face)
+                values[f"face_sharpness{of}"] = prior_metrics.sharpness(shown, *large_face)
+            for name, value in values.items():
                 found.setdefault(name, []).append(float(value))
             difference = 4 * np.abs(picture.astype(int) - reference) * mask[..., None]
             rows.append(
@@ -222,7 +209,7 @@ def cost(judge: "Judge") -> dict[str, float]:
     for name, decoder, reuse in (
         ("decode_cpu_ms", judge.decoder, True),
         ("decode_fresh_cpu_ms", judge.decoder, False),
-        ("decode_16k_cpu_ms", judge.thinner("16k"), True),
+        ("decode_16k_cpu_ms", judge.decoder_of("16k"), True),
     ):
         rng = np.random.default_rng(0)
         times: list[float] = []

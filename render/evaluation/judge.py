@@ -147,8 +147,8 @@ class Judge:
         coding = self.decoder.coding
         return rig @ coding.to_code + free[0].numpy() @ coding.free
 
-    def thinner(self, density: Density) -> Decoder:
-        """The decoder of fewer Gaussians; kept."""
+    def decoder_of(self, density: Density) -> Decoder:
+        """The decoder of so many Gaussians; kept."""
         if density not in self._decoders:
             self._decoders[density] = Decoder.load(gaussians=density)
         return self._decoders[density]
@@ -163,7 +163,7 @@ class Judge:
         matte: bool = False,
     ):
         """Decoded vertices and the picture of the Gaussians [H, W, 3]; matte: without lobes."""
-        mesh, cloud = self.thinner(density).decode(code, gaze, who.identity)
+        mesh, cloud = self.decoder_of(density).decode(code, gaze, who.identity)
         if matte:
             cloud = replace(cloud, shine=None)
         self.splats.draw(cloud, camera)
