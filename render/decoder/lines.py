@@ -62,6 +62,15 @@ class Line:
         bottom = posing_kernels.height_at(vertices, self.lower, x)
         return min(float(top) - y, y - float(bottom))
 
+    def opening(self, vertices: Floats, points: Floats) -> Floats:  # [V, 3], [P, 3] -> [S, 3] mm
+        """Heights of the upper and the lower edge at places across the points: x, both heights."""
+        across = np.linspace(points[:, 0].min(), points[:, 0].max(), posing_kernels.STATIONS)
+        rows = [
+            (x, *(posing_kernels.height_at(vertices, side, x) for side in (self.upper, self.lower)))
+            for x in across.astype(np.float32)
+        ]
+        return np.array(rows, np.float32)
+
     def tint_covered(
         self,
         vertices: Floats,  # [V, 3] mm

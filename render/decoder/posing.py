@@ -86,6 +86,11 @@ class Posing:
             )
         return vertices
 
+    def openings(self, vertices: Floats) -> list[Floats]:
+        """The edges of both eyes' lids, left first, see Line.opening."""
+        eyes = zip(self.lid_lines, self.eyeballs, strict=True)
+        return [line.opening(vertices, vertices[members]) for line, members in eyes]
+
     def limited(self, rig: Floats) -> Floats:  # [..., R] -> [..., R]
         """Activations as they are drawn: drawn in, and mouthClose never beyond jawOpen."""
         rig = limit(rig)

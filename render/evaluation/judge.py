@@ -91,7 +91,10 @@ class Judge:
         sums, rest_sums = (around.normals(v)[1] for v in (vertices, who.rest.geometry))
         colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums))
         self._dress(who)
-        return self._mesh.draw(vertices, self.assembly.normals(vertices), colors, light, camera)
+        lids = self.assembly.posing.openings(vertices)
+        return self._mesh.draw(
+            vertices, self.assembly.normals(vertices), colors, light, camera, lids=lids
+        )
 
     def face_mask(self, who: Subject, vertices: Floats, camera: Camera) -> NDArray[np.bool_]:
         """Pixels that show the face: front of the head, eyes and mouth; no scalp, ears, neck."""

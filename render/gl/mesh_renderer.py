@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import lighting
+from render.decoder import lines
 from render.decoder.mesh_parts import Parts
 from render.gl.contexts import GLContext
 from render.lighting import STUDIO, Lighting
@@ -61,6 +62,8 @@ class MeshRenderer:
             ("bleed", lighting.BLEED),
             ("bounce", lighting.BOUNCE),
             ("film", lighting.FILM),
+            ("lid_shade", lines.SHADE),
+            ("lid_reach", lines.SHADE_MM),
         ):
             self._program[name].write(np.ascontiguousarray(values, np.float32).tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         self.set_texture("relief", np.tile(np.array([0, 0.4, 0.5], np.float32), (8, 8, 1)))
@@ -88,6 +91,7 @@ class MeshRenderer:
         camera: Camera,
         lights: Lighting = STUDIO,
         mirrors: bool = True,  # else everything is matte
+        lids: list[Floats] | None = None,  # Line.opening of both eyes, left first: they shade these
     ) -> NDArray[np.uint8]:  # [H, W, 3]
         """One picture over the camera's background."""
         self._context.activate()
@@ -100,7 +104,9 @@ class MeshRenderer:
             self._program[name] = unit
         self._program["lamps"].write(lights.colors.tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         self._program["sky"], self._program["ground"] = lights.sky, lights.ground
-        self._program["mirrors"] = mirrors
+        self._program["mirrors"], self._program["lidded"] = mirrors, lids is not None
+        if lids is not None:
+            self._program["lids"].write(np.concatenate(lids).tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         self._program["viewer"] = tuple(camera.position)
         self._program["transform"] = tuple(clip_matrix(camera).T.astype(np.float32).ravel())
         size = (camera.width * OVERSAMPLE, camera.height * OVERSAMPLE)

@@ -15,6 +15,11 @@ uniform float half_widths[4];
 uniform vec3 sky, ground, wrap, bleed, bounce;
 uniform float film[5];
 uniform bool mirrors;  // else matte
+const int STATIONS = 24;
+uniform vec3 lids[2 * STATIONS];  // left eye first: x, heights of the upper and the lower edge, mm
+uniform vec3 lid_shade[2];        // see render/decoder/lines.py
+uniform vec2 lid_reach;
+uniform bool lidded;              // else nothing shades the eyes
 out vec4 fragment;
 
 const vec2 PLAIN = vec2(0.40, 0.50);  // oil and roughness off the face
@@ -54,6 +59,30 @@ vec3 box(vec3 n, vec3 v) {
     return inside.x * inside.y * v_seen.y * lamps[0] * fresnel * BOX_LIGHT;
 }
 
+vec3 film_of(vec3 linear) {
+    vec3 x = max(linear, 0.0);
+    x = x * (film[0] * x + film[1]) / (x * (film[2] * x + film[3]) + film[4]);
+    return sqrt(clamp(x, 0.0, 1.0));
+}
+
+// What a lid and its lashes keep from the eye below: by the height under the lid's edge, of a stored
+// colour, as `Line.tint_covered` has it.
+vec3 lid_shadow() {
+    for (int first = 0; first < 2 * STATIONS; first += STATIONS) {
+        float left = lids[first].x, step = (lids[first + STATIONS - 1].x - left) / (STATIONS - 1);
+        float at = (v_position.x - left) / max(step, 1e-6);
+        if (at < 0.0 || at >= STATIONS) continue;
+        int k = min(int(at), STATIONS - 2);
+        vec3 edges = mix(lids[first + k], lids[first + k + 1], at - k);
+        vec2 off = vec2(edges.y - v_position.y, v_position.y - edges.z);
+        vec2 near = max(off, 0.0) / lid_reach;
+        near = 1.0 / (1.0 + near * near);
+        near *= near;
+        return (1.0 - lid_shade[0] * near.x) * (1.0 - lid_shade[1] * near.y);
+    }
+    return vec3(1.0);
+}
+
 void main() {
     vec3 n = normalize(v_normal), v = normalize(viewer - v_position);
     vec3 albedo = v_color;
@@ -82,8 +111,11 @@ void main() {
             linear += (0.7 * wide + 0.3 * tight) * surface.x * shares[k] * lamps[k];
         }
     }
-    if (mirrors && v_kind == 1) linear += box(n, v);
-    vec3 x = max(linear, 0.0);
-    x = x * (film[0] * x + film[1]) / (x * (film[2] * x + film[3]) + film[4]);
-    fragment = vec4(sqrt(clamp(x, 0.0, 1.0)), 1.0);
+    vec3 stored = film_of(linear);
+    if (v_kind == 1) {
+        vec3 shade = lidded ? lid_shadow() : vec3(1.0);
+        vec3 mirror = mirrors ? film_of(linear + box(n, v)) - stored : vec3(0.0);
+        stored = stored * shade + mirror;
+    }
+    fragment = vec4(stored, 1.0);
 }

@@ -6,9 +6,11 @@ import pytest
 from render import lighting
 from render.cameras import portrait
 from render.decoder import mesh_parts
+from render.decoder.lines import Line
 from render.gl.mesh_renderer import MeshRenderer, clip_matrix
 from render.gl.occlusion import Occlusion
 from render.lighting import Lighting
+from render.types import Floats
 
 SPAN = 100.0  # mm, half the side of the test's square
 
@@ -28,13 +30,16 @@ def draw(
     color=(0.6, 0.5, 0.4),
     seen=(0.7, 0.4, 0.3, 0.6),
     lights: Lighting | None = None,
+    kind: int = mesh_parts.COLOURED,
+    lids: list[Floats] | None = None,
+    size: int = 64,
 ):
-    renderer = MeshRenderer(context, square(mesh_parts.COLOURED))
+    renderer = MeshRenderer(context, square(kind))
     for name in ("skin", "eye"):
         renderer.set_texture(name, np.ones((4, 4, 3), np.float32))
     rows = [np.tile(np.array(v, np.float32), (4, 1)) for v in (normal, color, seen)]
     lights = lights or lighting.STUDIO
-    return renderer.draw(CORNERS, *rows, portrait(64, 64), lights, mirrors=False)
+    return renderer.draw(CORNERS, *rows, portrait(size, size), lights, False, lids)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0.5, 0.5, 0.7), (-0.8, 0.1, 0.6), (0, 1, 0)])
@@ -47,6 +52,28 @@ def test_shader_and_numpy_see_the_same_light(egl_context, direction, name):
     light = lights.shade(normal[None].astype(np.float32), seen)[0]
     expected = lighting.developed(np.float32([0.6, 0.5, 0.4]) ** 2 * light)
     np.testing.assert_allclose(picture[32, 32] / 255, expected, atol=1.5 / 255)
+
+
+def test_lids_shade_the_eye_as_the_decoder_does(egl_context):
+    """Of both eyes, by the height below the edge of the lid: the shader's rule is numba's."""
+    x = np.linspace(-SPAN, SPAN, 24, dtype=np.float32)
+    opening = np.stack([x, 6 + 0 * x, -9 + 0 * x], 1).astype(np.float32)  # mm
+    away = opening + np.float32([3 * SPAN, 0, 0])  # the other eye
+    shaded, bare = (
+        draw(egl_context, (0, 0, 1), (0.6, 0.6, 0.6), kind=mesh_parts.EYE, lids=lids, size=640)
+        for lids in ([away, opening], None)
+    )
+    rows = np.array([340, 345, 352, 360])
+    heights = 15 + 0.5 * (319.5 - rows)  # half a millimetre a pixel there
+    points = np.stack([0 * heights, heights, 0 * heights], 1)
+    points = np.concatenate([points, [[-SPAN, 0, 0], [SPAN, 0, 0]]]).astype(np.float32)
+    vertices = np.concatenate([opening[:, [0, 1, 1]], opening[:, [0, 2, 2]]])
+    side = np.arange(24, dtype=np.int32)
+    line = Line(side, side + 24, side[:, None], x, side, x, x)
+    gains = np.ones((len(points), 3), np.float32)
+    line.tint_covered(vertices, points, np.arange(len(points)), np.ones(3, np.float32), gains)
+    assert (heights < 6).all() and (heights > -9).all() and gains[0].max() < 0.85
+    np.testing.assert_allclose(shaded[rows, 320], bare[rows, 320] * gains[: len(rows)], atol=2)
 
 
 def test_the_square_lies_where_the_camera_says(egl_context):
