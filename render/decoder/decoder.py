@@ -23,7 +23,7 @@ from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
-from render.decoder.surface import SkinGaussians, Surface
+from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, Lighting
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from sensors.rotation import REST
@@ -163,21 +163,21 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, shine.weights)
         visibility = self.visibility(expression, identity)
-        bent, turned, at_rest = None, None, vertices[cache.skin.rows]
+        bent, turned, move, at_rest = None, None, AT_REST, vertices[cache.skin.rows]
         if breath or head != REST:
             bent = cache.neck.bent(head, breath)
-            turned = TurnedHead(bent, cache.still, cache.stretch)
+            turned, move = TurnedHead(bent, cache.still, cache.stretch), bent.head
             neck.bend_vertices(vertices, cache.skin, bent)
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
         self.surface.place(*shown, skin, self.lighting, turned)
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
-            seen = skin.means[eye] if bent is None else neck.turned_back(skin.means[eye], bent)
-            line.tint_covered(vertices, seen, eye, skin.colors[lids].mean(0), skin.colors)
+            lid = skin.colors[lids].mean(0)
+            line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)
         gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
         opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
         scaled(cache.opacities, self.interior, opened, opacities)
 
-        half = highlights.HALF @ bent.head[:, :3] if bent else highlights.HALF
+        half = highlights.HALF @ move[:, :3]
         spots = slice(count, count + 2)
         eyes = gaze, identity.eye_centers, cache.eye_sizes, half
         highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])

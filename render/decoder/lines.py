@@ -22,6 +22,7 @@ FACING_MM, FACING = 4.5, 8  # vertices of the other lip, so near at rest, that o
 VEILED_MM = (np.float32(1.0), np.float32(2.5))  # behind an edge, invisible from the side
 # Of stored colours, upper and lower side: what a lid and its lashes keep from an eye.
 SHADE = np.array([[0.28, 0.30, 0.31], [0.08, 0.10, 0.10]], np.float32)
+AT_REST = np.eye(3, 4, dtype=np.float32)
 SHADE_MM = np.array([2.4, 0.9], np.float32)
 
 
@@ -74,16 +75,17 @@ class Line:
     def tint_covered(
         self,
         vertices: Floats,  # [V, 3] mm
-        points: Floats,  # [n, 3] mm, behind the line
-        rows: NDArray[np.intp],  # [n] their colours
+        points: Floats,  # [N, 3] mm
+        rows: NDArray[np.intp],  # [n] those behind the line
         color: Floats,  # [3]
         colors: Floats,  # [N, 3], changed in place
+        move: Floats = AT_REST,  # [3, 4] how the points moved from where the vertices are
     ) -> None:
         """Give what the sides cover as seen from the front their colour: no cover is perfect.
         What is beside them lies in their shade."""
         sides = vertices, self.upper, self.lower
         shades = SHADE, SHADE_MM
-        posing_kernels.tint_covered(points, rows, *sides, *VEILED_MM, color, *shades, colors)
+        posing_kernels.tint_covered(points, rows, move, *sides, *VEILED_MM, color, *shades, colors)
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""

@@ -160,13 +160,6 @@ def turn_hair(
     kernels.turn_quats(*share, bent.turns, quats, out_quats)
 
 
-def turned_back(points: Floats, bent: Bent) -> Floats:  # [n, 3] mm
-    """Points in the room, seen from the head."""
-    out = np.empty_like(points)
-    kernels.turn_back(bent.head, points, out)
-    return out
-
-
 def limited(head: HeadPose) -> HeadPose:
     """A pose that a neck can take; within FREE of every limit it stays as it is."""
     if head == REST:

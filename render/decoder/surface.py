@@ -16,6 +16,7 @@ from scipy.sparse import csr_array
 from render import lighting
 from render.decoder.kernels import light as light_kernels
 from render.decoder.kernels import surface as kernels
+from render.decoder.lines import AT_REST
 from render.decoder.neck import RestSurface, TurnedHead
 from render.lighting import STUDIO, Lighting
 from render.types import Floats, Ints, Shorts
@@ -26,8 +27,7 @@ FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a do
 # Shares of the area at rest; beyond them the colour stays.
 FLUSHES = (np.float32(0.6), np.float32(1.35))
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
-AT_REST = np.eye(3, 4, dtype=np.float32)
-LIGHT = slice(6, 11)  # of what a vertex carries: linear light, shares of key light and sky
+LIGHT = slice(kernels.LIGHT, kernels.LIGHT + 3)  # linear, of what a vertex carries
 STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
 
 

@@ -2,13 +2,13 @@
 
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
-from numba import njit
 
-from render.decoder.kernels.surface import BLOCK
+from render.decoder.kernels.surface import BLOCK, LIGHT, PLACE, SHARES, TURN
+from render.decoder.kernels.vectors import loop
 from render.types import Floats, Ints
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def flush(
     sums: Floats,  # [n] mm^2
     rest_sums: Floats,  # [n] mm^2
@@ -25,7 +25,7 @@ def flush(
             gains[n, k] = one + stretch * color[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def facing(axes: Floats, towards: Floats, cosine: Floats) -> None:  # [3, n], [3], -> [n]
     a, b, c = towards[0], towards[1], towards[2]
     xs, ys, zs = axes[0], axes[1], axes[2]
@@ -33,7 +33,7 @@ def facing(axes: Floats, towards: Floats, cosine: Floats) -> None:  # [3, n], [3
         cosine[i] = a * xs[i] + b * ys[i] + c * zs[i]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def vertex_attributes(
     vertices: Floats,  # [V, 3] mm
     used: Ints,  # [U] vertices
@@ -86,17 +86,22 @@ def vertex_attributes(
             v = np.uintp(used[n])
             x, y, z = vertices[v, 0], vertices[v, 1], vertices[v, 2]
             nx, ny, nz = axes[0, m], axes[1, m], axes[2, m]
-            out[n, 0], out[n, 1] = a * x + b * y + c * z + left, e * x + f * y + g * z + up
-            out[n, 2], out[n, 3] = h * x + j * y + o * z + front, h * nx + j * ny + o * nz + behind
-            out[n, 4], out[n, 5] = -(e * nx + f * ny + g * nz), a * nx + b * ny + c * nz
-            out[n, 6], out[n, 7], out[n, 8] = light[0, m], light[1, m], light[2, m]
-            out[n, 9], out[n, 10] = shares[1, m], shares[0, m]
-            # `mix` computes with them, too: left as memory was, denormal numbers made a decode
-            # take 12 ms instead of 2.5, in one process of four.
-            out[n, 11:] = zero
+            row = out[n]
+            row[PLACE], row[PLACE + 1] = a * x + b * y + c * z + left, e * x + f * y + g * z + up
+            row[PLACE + 2], row[PLACE + 3] = h * x + j * y + o * z + front, zero
+            row[TURN], row[TURN + 1] = (
+                h * nx + j * ny + o * nz + behind,
+                -(e * nx + f * ny + g * nz),
+            )
+            row[TURN + 2], row[TURN + 3] = a * nx + b * ny + c * nz, zero
+            row[LIGHT], row[LIGHT + 1], row[LIGHT + 2] = light[0, m], light[1, m], light[2, m]
+            row[LIGHT + 3], row[SHARES], row[SHARES + 1] = zero, shares[1, m], shares[0, m]
+            # `mixed_row` computes with them, too: left as memory was, denormal numbers made a
+            # decode take 12 ms instead of 2.5, in one process of four.
+            row[SHARES + 2], row[SHARES + 3] = zero, zero
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def gain_light(
     rows: Ints,  # [n] vertices
     gains: Floats,  # [n, 3]
@@ -105,10 +110,10 @@ def gain_light(
     for n in range(len(rows)):
         row = np.uintp(rows[n])
         for k in range(3):
-            attributes[row, 6 + k] *= gains[n, k]
+            attributes[row, LIGHT + k] *= gains[n, k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def activate(
     values: Floats,  # [n, C], changed in place
     bias: Floats,  # [n, C]
@@ -120,7 +125,7 @@ def activate(
         flat[i] = max(x, slope * x)
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def read_light(
     starts: Ints,  # [U + 1] a sparse map [U, texels] by rows
     texels: Ints,

@@ -2,13 +2,13 @@
 
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from render.decoder.kernels.vectors import loop
 from render.types import Floats, Ints
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def spine(
     rest: NDArray[np.float64],  # [K, 3] mm, from its base to the head's joint
     angle: float,  # rad that the head turns ...
@@ -51,7 +51,7 @@ def spine(
                 from_head[n, k, j] = seen
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def bend(
     rows: Ints,  # [n] which points
     along: Floats,  # [n] how far they go with the head: 0 shoulders .. 1 head
@@ -76,7 +76,7 @@ def bend(
             out[row, k] = a * x + b * y + c * z + d
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def turn_normals(
     rows: Ints,  # [n] which normals
     along: Floats,  # [n] see bend
@@ -93,7 +93,7 @@ def turn_normals(
             out[row, k] = moves[i, k, 0] * x + moves[i, k, 1] * y + moves[i, k, 2] * z
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def turn_quats(
     rows: Ints,  # [n] which rotations
     along: Floats,  # [n] see bend
@@ -113,7 +113,7 @@ def turn_quats(
         out[row, 3] = p * z + q * y - r * x + s * w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def turn(
     move: Floats,  # [3, 4]
     quat: Floats,  # [4] wxyz, the same as a rotation
@@ -139,19 +139,7 @@ def turn(
         out_quats[n, 3] = p * z + q * y - r * x + s * w
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def turn_back(
-    move: Floats,  # [3, 4]
-    points: Floats,  # [n, 3] mm
-    out: Floats,  # -> [n, 3] mm, before they were moved
-) -> None:
-    for n in range(len(points)):
-        x, y, z = points[n, 0] - move[0, 3], points[n, 1] - move[1, 3], points[n, 2] - move[2, 3]
-        for k in range(3):
-            out[n, k] = move[0, k] * x + move[1, k] * y + move[2, k] * z
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def widen(
     rows: Ints,  # [n] which Gaussians
     stretch: Floats,  # [n] a rad

@@ -2,9 +2,9 @@
 
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from render.decoder.kernels.vectors import loop
 from render.types import Floats, Ints
 
 LANES = 16  # vertices that are moved together
@@ -13,7 +13,7 @@ EDGE_MM2 = np.float32(0.3)  # of the edge of a lid, about half a millimetre is l
 STATIONS = 24  # places across an eye where the edges of its lids are looked up
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def blend(
     rest: Floats,  # [V * 3] mm
     starts: Ints,  # [V / LANES + 1] where the shapes of each block of vertices begin
@@ -45,7 +45,7 @@ def blend(
             out[at + k] = rest[at + k] + unit * sums[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def measure_gaps(
     vertices: Floats,  # [V, 3] mm
     upper: Ints,  # [P] vertices that face ...
@@ -60,7 +60,7 @@ def measure_gaps(
         out[c] = smallest
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def move_apart(
     vertices: Floats,  # [V, 3] mm, changed in place
     members: Ints,  # [M] vertices
@@ -74,7 +74,7 @@ def move_apart(
         vertices[members[m], 1] += shares[m] * (low + between[m] * (high - low))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def unpress(
     vertices: Floats,  # [V, 3] mm, changed in place
     rest: Floats,  # [V, 3] mm, of the same person
@@ -101,7 +101,7 @@ def unpress(
             vertices[np.uintp(members[m]), 1] += by[m]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def push_out(
     vertices: Floats,  # [V, 3] mm, changed in place
     members: Ints,  # [M] vertices
@@ -121,7 +121,7 @@ def push_out(
             vertices[v, 2] = center[2] + z * scale
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def turn_eye(
     rest: Floats,  # [V, 3] mm
     members: Ints,  # [M] vertices of the eyeball
@@ -137,7 +137,7 @@ def turn_eye(
             out[v, k] = turned + center[k]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def height_at(
     vertices: Floats,  # [V, 3] mm
     members: Ints,  # [P] vertices along a line
@@ -153,10 +153,32 @@ def height_at(
     return height / total
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
+def heights_from(
+    vertices: Floats,  # [V, 3] mm
+    members: Ints,  # [P] vertices along a line
+    left: np.float32,  # mm
+    step: np.float32,  # mm
+) -> Floats:  # [STATIONS] mm: `height_at` at even steps, all together
+    heights, totals = np.zeros(STATIONS, np.float32), np.zeros(STATIONS, np.float32)
+    for member in members:
+        v = np.uintp(member)
+        x, y = vertices[v, 0] - left, vertices[v, 1]
+        for k in range(STATIONS):
+            apart = x - np.float32(k) * step
+            near = np.float32(1) / (apart * apart + EDGE_MM2)
+            heights[k] += near * near * y
+            totals[k] += near * near
+    for k in range(STATIONS):
+        heights[k] /= totals[k]
+    return heights
+
+
+@loop
 def tint_covered(
-    points: Floats,  # [n, 3] mm
-    rows: NDArray[np.intp],  # [n] their colours
+    points: Floats,  # [N, 3] mm
+    rows: NDArray[np.intp],  # [n] those behind the opening
+    move: Floats,  # [3, 4] how the points moved from where the vertices are
     vertices: Floats,  # [V, 3] mm
     upper: Ints,  # [P] vertices along the upper side of an opening, and ...
     lower: Ints,  # [P] ... along the lower side
@@ -168,27 +190,40 @@ def tint_covered(
     colors: Floats,  # [N, 3], changed in place
 ) -> None:
     one, zero = np.float32(1), np.float32(0)
-    left = right = points[0, 0]
-    for n in range(len(points)):
-        left, right = min(left, points[n, 0]), max(right, points[n, 0])
+    a, d, g = move[0, 0], move[1, 0], move[2, 0]
+    b, e, h = move[0, 1], move[1, 1], move[2, 1]
+    left, right = np.float32(np.inf), np.float32(-np.inf)
+    across, height = np.empty(len(rows), np.float32), np.empty(len(rows), np.float32)
+    for n in range(len(rows)):
+        row = np.uintp(rows[n])
+        x, y, z = points[row, 0] - move[0, 3], points[row, 1] - move[1, 3], points[row, 2]
+        z -= move[2, 3]
+        across[n], height[n] = a * x + d * y + g * z, b * x + e * y + h * z
+        left, right = min(left, across[n]), max(right, across[n])
     step = (right - left) / np.float32(STATIONS - 1)
-    top, bottom = np.empty(STATIONS, np.float32), np.empty(STATIONS, np.float32)
-    for k in range(STATIONS):
-        top[k] = height_at(vertices, upper, left + np.float32(k) * step)
-        bottom[k] = height_at(vertices, lower, left + np.float32(k) * step)
-    for n in range(len(points)):
-        row, place = rows[n], (points[n, 0] - left) / step
-        if not 0 <= place < STATIONS:  # NaN, or an opening without width
-            continue
-        k = min(int(place), STATIONS - 2)
-        part, y = place - np.float32(k), points[n, 1]
-        above = y - (top[k] + part * (top[k + 1] - top[k]))
-        below = bottom[k] + part * (bottom[k + 1] - bottom[k]) - y
-        share = (max(above, below) - near) / (far - near)
-        share = min(max(share, zero), one)
-        under, over = max(-above, zero) / reach[0], max(-below, zero) / reach[1]
-        under, over = one / (one + under * under), one / (one + over * over)
-        under, over = under * under, over * over
+    top, bottom = (
+        heights_from(vertices, upper, left, step),
+        heights_from(vertices, lower, left, step),
+    )
+    steps, last = one / step, np.float32(STATIONS - 2)
+    above, below = across, height
+    for n in range(len(rows)):
+        place, y = (across[n] - left) * steps, height[n]
+        if not place > 0:  # NaN: an opening without width
+            place = zero
+        k = np.intp(min(place, last))
+        part = place - np.float32(k)
+        above[n] = y - (top[k] + part * (top[k + 1] - top[k]))
+        below[n] = bottom[k] + part * (bottom[k + 1] - bottom[k]) - y
+    veil, steep, flat = one / (far - near), one / reach[0], one / reach[1]
+    shares, under, over = np.empty(len(rows), np.float32), above, below
+    for n in range(len(rows)):
+        shares[n] = min(max((max(above[n], below[n]) - near) * veil, zero), one)
+        high, low = max(-above[n], zero) * steep, max(-below[n], zero) * flat
+        high, low = one / (one + high * high), one / (one + low * low)
+        under[n], over[n] = high * high, low * low
+    for n in range(len(rows)):
+        row, share = np.uintp(rows[n]), shares[n]
         for c in range(3):
-            lit = colors[row, c] * (one - shade[0, c] * under) * (one - shade[1, c] * over)
+            lit = colors[row, c] * (one - shade[0, c] * under[n]) * (one - shade[1, c] * over[n])
             colors[row, c] = lit + share * (color[c] - lit)

@@ -7,15 +7,18 @@ Cross products and rotations are written out in each loop, as plain scalars of o
 
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
-from numba import njit
 
+from render.decoder.kernels.vectors import LANES, loop, mixed_row
 from render.types import Floats, Ints, Shorts
 
-CARRIED = 16  # numbers that a vertex hands on: eleven, and what makes whole vectors of them
+# Numbers that a vertex hands on, each kind from the start of a quarter of a vector: place, mm;
+# three of a turn's wxyz; light; shares of key and sky. The others are zeros.
+CARRIED = LANES
+PLACE, TURN, LIGHT, SHARES = 0, 4, 8, 12
 BLOCK = 128  # vertices, and Gaussians, that are made together: a loop of vectors for each number
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def around_vertices(
     vertices: Floats,  # [V, 3] mm
     corners: Shorts,  # [F, 3] vertices of the triangles
@@ -41,7 +44,7 @@ def around_vertices(
             totals[row, 3] += area
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def normalise(
     totals: Floats,  # [n + 1, 4] see around_vertices
     rows: Ints,  # [n] of `normals`
@@ -55,9 +58,9 @@ def normalise(
             normals[row, k] = totals[n, k] / length
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def skin_gaussians(
-    attributes: Floats,  # [U, CARRIED] place, mm; three of a turn's wxyz; light; shares of key, sky
+    attributes: Floats,  # [U, CARRIED]
     rows: Shorts,  # [N, 3] vertices of the anchors' triangles
     weights: Floats,  # [N, 3] barycentric coordinates
     areas: Floats,  # [F + 1] mm^2
@@ -78,52 +81,35 @@ def skin_gaussians(
     colors: Floats,  # -> [N, 3] stored, 0..1, without mirrored light
     shine: Floats,  # -> [N, 2] of 4: weight of the mirrored light of the key light and the fill
 ) -> None:
-    zero = np.float32(0)
     for f in range(len(areas)):
         areas[f] = min(max(np.sqrt(areas[f] / rest_areas[f]), low), high)
     stored = colors.reshape(-1)
-    mixed = np.empty((BLOCK, CARRIED), np.float32)
     for start in range(0, len(rows), BLOCK):
         count = min(BLOCK, len(rows) - start)
-        mix(attributes, rows[start : start + count], weights[start : start + count], mixed)
         for i in range(count):
-            n, m = np.uintp(start + i), np.uintp(i)
-            w, x, y, deep = mixed[m, 3], mixed[m, 4], mixed[m, 5], depths[n]
-            right, up, out = mixed[m, 0], mixed[m, 1], mixed[m, 2]
-            quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3] = w, x, y, zero
-            means[n, 0], means[n, 1] = right - deep * y, up + deep * x
-            means[n, 2] = out - deep * (w - behind)
-        for i in range(count):
-            n, m = np.uintp(start + i), np.uintp(i)
-            red, green, blue = mixed[m, 6], mixed[m, 7], mixed[m, 8]
-            colors[n, 0], colors[n, 1] = reflected[n, 0] * red, reflected[n, 1] * green
-            colors[n, 2] = reflected[n, 2] * blue
+            n = np.uintp(start + i)
+            a, b, c = np.uintp(rows[n, 0]), np.uintp(rows[n, 1]), np.uintp(rows[n, 2])
+            u, v, t = weights[n, 0], weights[n, 1], weights[n, 2]
+            row = mixed_row(attributes, a, b, c, u, v, t)  # pyright: ignore[reportCallIssue]
+            w, x, y, z = row[TURN], row[TURN + 1], row[TURN + 2], row[TURN + 3]  # z: 0
+            quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3] = w, x, y, z
+            deep = depths[n]
+            right, up = row[PLACE] - deep * y, row[PLACE + 1] + deep * x
+            means[n, 0], means[n, 1] = right, up
+            means[n, 2] = row[PLACE + 2] - deep * (w - behind)
+            colors[n, 0] = reflected[n, 0] * row[LIGHT]
+            colors[n, 1] = reflected[n, 1] * row[LIGHT + 1]
+            colors[n, 2] = reflected[n, 2] * row[LIGHT + 2]
+            share = gloss[n]
+            shine[n, 0], shine[n, 1] = share * row[SHARES], share * row[SHARES + 1]
         develop(stored[3 * start : 3 * (start + count)], film)
-        for i in range(count):
-            n, m = np.uintp(start + i), np.uintp(i)
-            key, sky, share = mixed[m, 9], mixed[m, 10], gloss[n]
-            shine[n, 0], shine[n, 1] = share * key, share * sky
         for i in range(count):
             n = np.uintp(start + i)
             width = widths[n] * areas[np.uintp(triangles[n])]
             scales[n, 0], scales[n, 1], scales[n, 2] = width, width, width * flatness
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
-def mix(attributes: Floats, rows: Shorts, weights: Floats, out: Floats) -> None:
-    """[U, C], [n, 3], [n, 3] -> [n, C]: columns are the inner loop, whole vectors of them."""
-    columns = attributes.shape[1]
-    for i in range(len(rows)):
-        n = np.uintp(i)
-        p, q, r = weights[n, 0], weights[n, 1], weights[n, 2]
-        a = attributes[np.uintp(rows[n, 0])]
-        b, c = attributes[np.uintp(rows[n, 1])], attributes[np.uintp(rows[n, 2])]
-        mixed = out[n]
-        for t in range(columns):
-            mixed[t] = p * a[t] + q * b[t] + r * c[t]
-
-
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def develop(values: Floats, film: Floats) -> None:  # [n] linear -> stored, in place; [5]
     zero, one = np.float32(0), np.float32(1)
     a, b, c, d, e = film[0], film[1], film[2], film[3], film[4]
@@ -132,14 +118,14 @@ def develop(values: Floats, film: Floats) -> None:  # [n] linear -> stored, in p
         values[i] = np.sqrt(min(x * (a * x + b) / (x * (c * x + d) + e), one))
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def scaled(values: Floats, rows: Ints, by: np.float32, out: Floats) -> None:
     """[N], [n] -> [N], these rows."""
     for row in rows:
         out[np.uintp(row)] = by * values[np.uintp(row)]
 
 
-@njit(cache=True, nogil=True, error_model="numpy")
+@loop
 def attach(
     vertices: Floats,  # [V, 3] mm
     corners: Shorts,  # [B, 3] vertices of the triangles that strands stand on

@@ -147,7 +147,7 @@ class Studio:
         head.place(vertices, of_used, still, black, self.gloss, placed, lights)
         placed.shine[:, 2:] = self.gloss[:, None] * (head.interpolate @ of_used[2:].T)
         carried, _ = head.vertex_attributes(vertices, of_used, still, lights)
-        light = head.interpolate @ carried[:, surface.LIGHT][:, :3]
+        light = head.interpolate @ carried[:, surface.LIGHT]
         lobes = Shine(placed.shine, self.roughness, lights.colors)
         cloud = Gaussians(*placed[:3], self._shown, placed.colors, lobes)
         mirrored = exposed(shine.colors_from(cloud, camera.position))

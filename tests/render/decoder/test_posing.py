@@ -77,9 +77,9 @@ def test_a_lid_shades_the_eye_below_it(decoder):
     who = identity.load("ben")
     line, eye = decoder.posing.lid_lines[0], decoder.eyes[0][0]
     vertices = decoder.posing.pose(rig_of(decoder), AHEAD, who.rest)
-    points = decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1].means[eye]
-    white = np.ones((int(eye.max()) + 1, 3), np.float32)
-    line.tint_covered(vertices, points, eye, np.ones(3, np.float32), white)
+    means = decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1].means
+    points, white = means[eye], np.ones((int(eye.max()) + 1, 3), np.float32)
+    line.tint_covered(vertices, means, eye, np.ones(3, np.float32), white)
     clear = np.array([line.clearance(vertices, p) for p in points])
     middle = points[:, 1] > np.median(points[clear > 0, 1])  # nearer to the upper lid
     near, far = (white[eye[middle & (clear > a) & (clear < b)]] for a, b in ((0, 1), (3, 9)))
