@@ -56,14 +56,14 @@ def held_out(
             yaw = float(rng.uniform(-VIEW_YAW_DEG, VIEW_YAW_DEG))
             pitch = float(rng.uniform(-VIEW_PITCH_DEG, VIEW_PITCH_DEG))
             camera, large = (cameras.portrait(px, px, yaw, pitch) for px in (512, 1024))
-            reference = judge.true_picture(who, truth, light, camera)
+            reference = judge.true_picture(who, rig, truth, light, camera)
             mask = judge.face_mask(who, truth, camera)
             code = judge.encode(who, truth, light)
             vertices, picture = judge.picture(who, code, gaze, camera)
             _, matte = judge.picture(who, code, gaze, camera, matte=True)
             small_face = reference, mask
             large_mask = judge.face_mask(who, truth, large)
-            large_face = judge.true_picture(who, truth, light, large), large_mask
+            large_face = judge.true_picture(who, rig, truth, light, large), large_mask
             error = prior_metrics.distances(vertices, truth)
             values = {
                 "vertex_error_mean_mm": error[used].mean(),
@@ -182,7 +182,7 @@ def scan(judge: "Judge") -> dict[str, float]:
     vertices = geometry
     for yaw in (-30.0, -15.0, 0.0, 15.0, 30.0):
         camera = cameras.portrait(512, 512, yaw)
-        reference = judge.true_picture(who, truth, light, camera)
+        reference = judge.true_picture(who, still, truth, light, camera)
         mask = judge.face_mask(who, truth, camera)
         vertices, picture = judge.picture(who, np.zeros(256, np.float32), AHEAD, camera)
         psnr.append(prior_metrics.psnr_db(picture, reference, mask))

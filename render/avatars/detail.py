@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
-from render.avatars import textures
 from render.decoder.surface import Surface
 from render.lighting import LUMINANCE
 from render.types import Density, Floats
@@ -26,7 +25,11 @@ PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
 STAY, STEPS = 0.22, 20  # how much a colour that stays is worth; of least squares
 THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
-LEAST, MOST = 0.7, 1.35  # gain of wide Gaussians: each is seen as a dot
+LEAST, MOST = 0.75, 1.22  # gain of wide Gaussians: each is seen as a dot
+EYES = 0.3, 1.9  # of those on eyes
+# Texels of an eye's picture: how sharp it is to be seen, and how near a Gaussian its colour must be
+# found: what is darker than a pupil or a rim would draw the look aside.
+EYE_BLUR, EYE_REACH = 3.5, 5
 SEAM = 1e-3  # of texture coordinates
 ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
 
@@ -78,14 +81,17 @@ def blend(
     points: Floats,  # [S, 3] mm
     normals: Floats,  # [S, 3] unit
     uv: Floats,  # [S, 2]
+    among: NDArray[np.bool_] | bool = True,  # [n] nothing else is seen
 ) -> Blend:
     """Gaussians composited front to back at every place, once for each view that it faces."""
     from scipy.spatial import KDTree
 
     found: list[NDArray[np.intp]] = []
     for layer, count in ((~gaussians.below, NEAR), (gaussians.below, NEAR_BELOW)):
-        rows = np.flatnonzero(layer)
-        found.append(rows[np.asarray(KDTree(gaussians.points[rows]).query(points, k=count)[1])])
+        rows = np.flatnonzero(layer & among)
+        if len(rows):
+            near = KDTree(gaussians.points[rows]).query(points, k=count)[1]
+            found.append(rows[np.asarray(near)])
     near = np.concatenate(found, 1)
     parts, seen_at = list[csr_array](), list[Floats]()
     for yaw, pitch in np.radians(VIEWS_DEG):
@@ -133,24 +139,44 @@ def sharpened(
     albedo: Floats,  # [N, 3] 0..1 stored
     free: NDArray[np.bool_],  # [N] which may change
     of: Blend,
-    skin: Floats,  # [H, 2 H, 3] the texture
+    wanted: Floats,  # [S, 3] what is to be seen at its places
 ) -> Floats:  # [N, 3]
-    """Colours that show the skin's detail: brighter or darker, in the hue that they have."""
-    return np.clip(albedo * gains(albedo, free, of, skin)[:, None], 0, 1)
+    """Colours that show the detail: brighter or darker, in the hue that they have."""
+    return np.clip(albedo * gains(albedo, free, of, wanted)[:, None], 0, 1)
 
 
 def gains(
     albedo: Floats,  # [N, 3] 0..1 stored
     free: NDArray[np.bool_],  # [N]
     of: Blend,
-    skin: Floats,  # [H, 2 H, 3]
+    wanted: Floats,  # [S, 3]
 ) -> Floats:  # [N]
     """The same as factors of brightness: 1 where nothing changes."""
-    from scipy.sparse.linalg import lsmr
-
-    missing = (textures.sample(skin, of.uv * ATLAS) - of.shares @ albedo) @ LUMINANCE
-    shares = of.shares[:, np.flatnonzero(free)]
-    change = lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]
+    change = _solved(of, free, (wanted - of.shares @ albedo) @ LUMINANCE)
     out = np.ones(len(albedo), np.float32)
     out[free] += (change / np.maximum(albedo[free] @ LUMINANCE, 0.05)).astype(np.float32)
     return np.maximum(out, 0)
+
+
+def repainted(
+    albedo: Floats,  # [N, 3] 0..1 stored
+    free: NDArray[np.bool_],  # [N]
+    of: Blend,
+    wanted: Floats,  # [S, 3]
+    bounds: tuple[Floats, Floats],  # [free, 3] each: darkest and lightest
+) -> Floats:  # [N, 3]
+    """Colours that show the detail in its own hues: an iris has a dark rim, and ends in white."""
+    out = albedo.copy()
+    for channel in range(3):
+        missing = wanted[:, channel] - of.shares @ albedo[:, channel]
+        out[free, channel] += _solved(of, free, missing).astype(np.float32)
+    out[free] = np.clip(out[free], *bounds)
+    return out
+
+
+def _solved(of: Blend, free: NDArray[np.bool_], missing: Floats) -> Floats:
+    """[S] -> the change [free] of colours that makes up for it, as far as they may change."""
+    from scipy.sparse.linalg import lsmr
+
+    shares = of.shares[:, np.flatnonzero(free)]
+    return lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]

@@ -9,10 +9,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array, eye_array
 
 from render import strands
-from render.avatars import detail, lashes, textures
+from render.avatars import blends, detail, lashes, textures
 from render.decoder import mesh_parts, prior_file
 from render.decoder.cover import turned_out
 from render.decoder.identity import GLOSS_STEPS, Identity
@@ -125,7 +124,13 @@ class Maker:
         if isinstance(eye, str):
             on_eye = t["anchor_kinds"] == mesh_parts.EYE
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
-        return detail.sharpened(np.clip(albedo, 0, 1), self.face, self._blends["65k"][1], skin)
+        albedo, (_, of, of_eyes) = np.clip(albedo, 0, 1), self._shown["65k"]
+        if not isinstance(eye, str):
+            on_eye = t["anchor_kinds"] == mesh_parts.EYE
+            wanted = textures.sample(textures.soft(picture, detail.EYE_BLUR), of_eyes.uv)
+            bounds = textures.bounds(picture, t["anchor_uv"][on_eye], detail.EYE_REACH)
+            albedo = detail.repainted(albedo, on_eye, of_eyes, wanted, bounds)
+        return detail.sharpened(albedo, self.face, of, textures.sample(skin, of.uv * detail.ATLAS))
 
     @cached_property
     def face(self) -> NDArray[np.bool_]:
@@ -135,33 +140,31 @@ class Maker:
         return (self.surface.interpolate @ on_face > 0.99) & on_skin
 
     def thinner(self, albedo: Floats, skin: Floats) -> dict[Density, Floats]:  # [n] each
-        """How bright the Gaussians of thinner heads are: they have colours of their own."""
+        """How bright the Gaussians of thinner heads are: they have colours of their own, which
+        show the skin, and the eyes as the densest head shows them."""
+        from scipy.spatial import KDTree
+
         out: dict[Density, Floats] = {}
+        eye, seen = self._t["anchor_kinds"] == mesh_parts.EYE, self._shown["65k"].eyes
+        known, shown = KDTree(seen.uv), seen.shares @ albedo
         for preset in detail.THINNER:
-            shares, of = self._blends[preset]
-            free = shares @ self.face.astype(np.float32) > 0.99
-            gains = detail.gains(shares @ albedo, free, of, skin)
-            out[preset] = gains.clip(detail.LEAST, detail.MOST)
+            shares, of, of_eyes = self._shown[preset]
+            colors, gains = shares @ albedo, np.ones(shares.shape[0], np.float32)
+            eyes = shown[np.asarray(known.query(of_eyes.uv)[1])]
+            skins = textures.sample(skin, of.uv * detail.ATLAS)
+            for which, blend, wanted, limits in (
+                (self.face, of, skins, (detail.LEAST, detail.MOST)),
+                (eye, of_eyes, eyes, detail.EYES),
+            ):
+                free = shares @ which.astype(np.float32) > 0.99
+                solved = detail.gains(colors, free, blend, wanted)
+                gains[free] = solved[free].clip(*limits)
+            out[preset] = gains
         return out
 
     @cached_property
-    def _blends(self) -> dict[Density, tuple[csr_array, detail.Blend]]:
-        """Of each density: Decoder.shares, and what is seen of the colours: of those that a
-        file holds for the densest, of those that are drawn for thinner ones."""
-        t, out = self._t, dict[Density, tuple[csr_array, detail.Blend]]()
-        uv = np.zeros((len(self.template), 2), np.float32)
-        uv[self.surface.used] = t["vertex_uv"]
-        off = np.abs(self.surface.interpolate @ t["vertex_uv"] - t["anchor_uv"]).max(1)
-        whole = self.face & (off < detail.SEAM)
-        corners = self.faces[np.unique(self.anchor_triangles[whole])]
-        count = int(detail.DENSITY * self.face.sum())
-        places = detail.places(corners, self.template, uv, count)
-        for preset in ("65k", *detail.THINNER):
-            fields = prior_file.parts(t, self._card, preset)
-            head = detail.drawn(fields["surface"], fields["opacities"], self.template)
-            shares, each = fields["shares"], csr_array(eye_array(len(head.points)))
-            out[preset] = shares, detail.blend(head, shares if preset == "65k" else each, *places)
-        return out
+    def _shown(self) -> dict[Density, blends.Blends]:
+        return blends.of_densities(self._t, self._card, self.surface, self.face)
 
     def biases(self, rest: Rest, skin: Floats, visibility: Floats) -> tuple[Floats, ...]:
         """The identity encoder: a bias map for every level of the light decoder."""

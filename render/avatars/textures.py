@@ -2,7 +2,7 @@
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, map_coordinates
+from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, minimum_filter
 
 from render.decoder import mesh_parts
 from render.types import Floats
@@ -29,6 +29,15 @@ def sample(image: Floats, at: Floats) -> Floats:
 def soft(image: Floats, sigma: float) -> Floats:  # [H, W, C]
     """Blurred by so many texels."""
     return np.asarray(gaussian_filter(image, (sigma, sigma, 0), truncate=3.0), np.float32)
+
+
+def bounds(image: Floats, at: Floats, size: int) -> tuple[Floats, Floats]:
+    """The darkest and the lightest colours [n, 3] within so many texels of `at` [n, 2]."""
+    even, window = soft(image, EYE_SIGMAS[1]), (size, size, 1)
+    low, high = (
+        np.asarray(f(even, size=window), np.float32) for f in (minimum_filter, maximum_filter)
+    )
+    return sample(low, at), sample(high, at)
 
 
 def levels(

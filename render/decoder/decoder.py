@@ -24,8 +24,9 @@ from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
-from render.lighting import LIGHTINGS, Lighting
+from render.lighting import LIGHTINGS, Lighting, scattered
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
+from render.wrinkles import Wrinkles
 from sensors.rotation import REST
 from sensors.types import HeadPose, InputError
 
@@ -52,6 +53,8 @@ class Decoder:
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
     interior: Ints  # [I] Gaussians inside the mouth
+    teeth: Ints  # rows of the used vertices
+    wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
     density: Density
@@ -76,13 +79,11 @@ class Decoder:
 
     @property
     def to_code(self) -> Floats:
-        """[53, 256] rig activations -> code."""
-        return self.coding.to_code[:NUM_RIG]
+        return self.coding.to_code[:NUM_RIG]  # [53, 256] rig activations -> code
 
     @property
     def to_rig(self) -> Floats:
-        """[256, 53] code -> rig activations."""
-        return self.coding.to_rig[:, :NUM_RIG]
+        return self.coding.to_rig[:, :NUM_RIG]  # [256, 53] code -> rig activations
 
     @property
     def basis(self) -> csr_array:
@@ -96,8 +97,7 @@ class Decoder:
 
     @property
     def eyeballs(self) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-        """Vertex sets, left eye first."""
-        return self.posing.eyeballs
+        return self.posing.eyeballs  # vertex sets, left eye first
 
     def encode(self, rig: Floats) -> Floats:  # [..., 53] or with the tongue [..., 55] -> [..., 256]
         """The expression code of rig activations."""
@@ -118,9 +118,8 @@ class Decoder:
         identity: Identity,
     ) -> Floats:  # [V, 3] mm, head at rest
         """The mesh's vertices."""
-        return self.posing.pose(
-            expression.astype(np.float32) @ self.coding.to_rig, gaze, identity.rest
-        )
+        rig = expression.astype(np.float32) @ self.coding.to_rig
+        return self.posing.pose(rig, gaze, identity.rest)
 
     def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
         """Shares of the sky, of the key light and the rims that reach each used vertex."""
@@ -152,17 +151,19 @@ class Decoder:
         With `reuse` the Gaussians' arrays are those of the last such call for this identity,
         overwritten.
         """
-        vertices, cache = self.vertices(expression, gaze, identity), self.cached(identity)
+        rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
+        vertices = self.posing.pose(rig, gaze, identity.rest)
         cloud = (
             cache.cloud if reuse else static_cloud(identity, cache, self.roughness, self.lighting)
         )
         means, quats, scales, opacities, colors = (getattr(cloud, name) for name in FIELDS)
 
-        count, shine = len(cache.opacities), cloud.shine
-        assert shine is not None
+        count = len(cache.opacities)
+        assert cloud.shine is not None
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
-        skin = SkinGaussians(*rows, shine.weights)
+        skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
+        visibility[:2, self.teeth] = scattered(visibility[:2, self.teeth])
         bent, turned, move, at_rest = None, None, AT_REST, vertices[cache.skin.rows]
         if breath or head != REST:
             bent = cache.neck.bent(head, breath)
@@ -170,6 +171,7 @@ class Decoder:
             neck.bend_vertices(vertices, cache.skin, bent)
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
         self.surface.place(*shown, skin, self.lighting, turned)
+        self.wrinkles.fold(rig, skin.colors)
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
             lid = skin.colors[lids].mean(0)
             line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)
@@ -200,10 +202,8 @@ class Decoder:
         """Gaussians on each eyeball; some of those on the lids before it."""
         eyelids = self.regions["eyelids"]
         left = np.isin(eyelids, self.posing.lids[0])
-        return (
-            [self._on(members) for members in self.eyeballs],
-            [self._on(members)[::SOME_LIDS] for members in (eyelids[left], eyelids[~left])],
-        )
+        lids = [self._on(members)[::SOME_LIDS] for members in (eyelids[left], eyelids[~left])]
+        return [self._on(members) for members in self.eyeballs], lids
 
     def _on(self, vertices: NDArray[np.int32]) -> NDArray[np.intp]:
         """Gaussians on triangles of these vertices alone."""

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array
 
+from render import wrinkles
 from render.decoder import density, surface
 from render.decoder.coding import Coding
 from render.decoder.cover import bared, cover, molars
@@ -80,9 +81,19 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
+        "teeth": t["teeth_rows"],
+        "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,
         "regions": regions,
     }
+
+
+def folds(
+    t: Tensors, names: list[str], head: surface.Surface, shares: csr_array
+) -> wrinkles.Wrinkles:
+    maps = shares @ (t["anchor_wrinkles"].astype(np.float32) / wrinkles.STEPS)
+    across = head.interpolate @ template(t)[head.used, 0]
+    return wrinkles.build(maps, across, names, len(t["to_code"]))
 
 
 def light_to_vertex(t: Tensors, used: NDArray[np.int32], pose: Posing) -> csr_array:  # [U, T]

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from render import cameras
+from render import cameras, wrinkles
 from render.avatars.maker import GEOMETRY_UNIT_MM, Maker
 from render.decoder import beard, mesh_parts
 from render.decoder.decoder import Decoder
@@ -62,6 +62,8 @@ class Judge:
         cache.mkdir(parents=True, exist_ok=True)
         self.wardrobe = Wardrobe(face, cache)
         self._mesh.set_texture("relief", self.wardrobe.relief_map)
+        self._mesh.set_texture("wrinkles", self.wardrobe.wrinkles)
+        self._folds = wrinkles.rig_map(self.assembly.names, len(self.assembly.names))
         self.splats = wrap_context(context)
         self.decoder = Decoder.load(gaussians="65k")
         self.maker = Maker(context=context)
@@ -84,7 +86,7 @@ class Judge:
         return self.maker.occlusion(vertices, self.assembly.normals(vertices))
 
     def true_picture(
-        self, who: Subject, vertices: Floats, light: Floats, camera: Camera
+        self, who: Subject, rig: Floats, vertices: Floats, light: Floats, camera: Camera
     ) -> NDArray[np.uint8]:
         surface, around = self.decoder.surface, self.decoder.surface.face
         colors = self.assembly.colors.copy()
@@ -93,8 +95,9 @@ class Judge:
         self._dress(who)
         lids = self.assembly.posing.openings(vertices)
         return self._mesh.draw(
-            vertices, self.assembly.normals(vertices), colors, light, camera, lids=lids
-        )
+            vertices, self.assembly.normals(vertices), colors, light, camera,
+            folds=wrinkles.amounts(rig, self._folds), lids=lids,
+        )  # fmt: skip
 
     def face_mask(self, who: Subject, vertices: Floats, camera: Camera) -> NDArray[np.bool_]:
         """Pixels that show the face: front of the head, eyes and mouth; no scalp, ears, neck."""

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render import lighting
+from render import lighting, wrinkles
 from render.decoder import lines
 from render.decoder.mesh_parts import Parts
 from render.gl.contexts import GLContext
@@ -62,17 +62,22 @@ class MeshRenderer:
             ("bleed", lighting.BLEED),
             ("bounce", lighting.BOUNCE),
             ("film", lighting.FILM),
+            ("teeth", lighting.TEETH),
+            ("across", wrinkles.ACROSS_MM),
+            ("fold_tint", wrinkles.TINT),
             ("lid_shade", lines.SHADE),
             ("lid_reach", lines.SHADE_MM),
         ):
             self._program[name].write(np.ascontiguousarray(values, np.float32).tobytes())  # pyright: ignore[reportAttributeAccessIssue]
+        self.set_texture("wrinkles", np.zeros((8, 8, 4), np.float32))
         self.set_texture("relief", np.tile(np.array([0, 0.4, 0.5], np.float32), (8, 8, 1)))
 
     def set_texture(self, name: str, image: Floats) -> None:
-        """`name`: skin, eye or relief; image [H, W, 3], top row first: 0..1, relief as it is."""
+        """`name`: skin, eye, relief or wrinkles; image [H, W, 3], wrinkles [H, W, 4], top row
+        first: 0..1, relief and wrinkles as they are."""
         if name in self._textures:
             self._textures[name].release()
-        half = name == "relief"
+        half = name in ("relief", "wrinkles")
         rows = image[::-1].astype(np.float16) if half else np.rint(image[::-1] * 255).astype("u1")
         texture = self._gl.texture(
             rows.shape[1::-1], rows.shape[2], np.ascontiguousarray(rows).tobytes(),
@@ -91,6 +96,7 @@ class MeshRenderer:
         camera: Camera,
         lights: Lighting = STUDIO,
         mirrors: bool = True,  # else everything is matte
+        folds: Floats | None = None,  # [8] see wrinkles.amounts
         lids: list[Floats] | None = None,  # Line.opening of both eyes, left first: they shade these
     ) -> NDArray[np.uint8]:  # [H, W, 3]
         """One picture over the camera's background."""
@@ -99,12 +105,14 @@ class MeshRenderer:
         corners[:, 0:3], corners[:, 3:6] = vertices[rows], normals[rows]
         corners[:, 8:11], corners[:, 11:15] = colors[rows], seen[rows]
         self._buffer.write(corners)
-        for unit, name in enumerate(("skin", "eye", "relief")):
+        for unit, name in enumerate(("skin", "eye", "relief", "wrinkles")):
             self._textures[name].use(unit)
             self._program[name] = unit
         self._program["lamps"].write(lights.colors.tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         self._program["sky"], self._program["ground"] = lights.sky, lights.ground
         self._program["mirrors"], self._program["lidded"] = mirrors, lids is not None
+        most = np.zeros(8, np.float32) if folds is None else folds
+        self._program["folds"].write(most.tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         if lids is not None:
             self._program["lids"].write(np.concatenate(lids).tobytes())  # pyright: ignore[reportAttributeAccessIssue]
         self._program["viewer"] = tuple(camera.position)

@@ -9,11 +9,16 @@ flat in int v_kind;
 uniform sampler2D skin;
 uniform sampler2D eye;
 uniform sampler2D relief;  // of the face's half of the atlas: height mm, oil, roughness
+uniform sampler2D wrinkles;  // see render/wrinkles.py
+uniform vec4 folds[2];       // how much of each kind on the left side, on the right one
+uniform float across;        // mm
+uniform vec3 fold_tint;
 uniform vec3 viewer;       // mm
 uniform vec3 towards[4], lamps[4];  // key, fill, rims left and right
 uniform float half_widths[4];
 uniform vec3 sky, ground, wrap, bleed, bounce;
 uniform float film[5];
+uniform vec3 teeth;  // see lighting.TEETH
 uniform bool mirrors;  // else matte
 const int STATIONS = 24;
 uniform vec3 lids[2 * STATIONS];  // left eye first: x, heights of the upper and the lower edge, mm
@@ -27,6 +32,11 @@ const vec2 WET = vec2(1.1, 0.28), TOOTH = vec2(1.3, 0.20);
 const float STEEPEST = 0.55, SKIN_F0 = 0.028, SPREAD = 0.5;
 const float BOX_EDGE = 0.05, BOX_LIGHT = 40.0;  // in an eye
 const vec2 BOX = vec2(0.14, 0.18);
+
+vec4 scattered(vec4 seen) {  // of sky and key light, on teeth
+    vec4 through = seen * (seen * (teeth.x * seen + teeth.y) + teeth.z);
+    return vec4(max(seen, through).xy, seen.zw);
+}
 
 vec3 bled(float share) { return share * (1.0 + bleed * (1.0 - share)); }
 
@@ -92,11 +102,16 @@ void main() {
         albedo *= texture(skin, v_uv * vec2(0.5, 1.0)).rgb;
         vec4 map = texture(relief, v_uv);
         vec3 under = bumped(n, map.x);
-        if (v_uv.x < 1.0) surface = map.yz, micro = under;
+        if (v_uv.x < 1.0) {
+            surface = map.yz, micro = under;
+            vec4 most = mix(folds[1], folds[0], smoothstep(-across, across, v_position.x));
+            albedo *= max(1.0 - fold_tint * dot(texture(wrinkles, v_uv), most), 0.0);
+        }
     }
     if (v_kind == 1) albedo *= texture(eye, v_uv).rgb;
-    float shares[4] = float[4](v_seen.y, v_seen.x, v_seen.z, v_seen.w);
-    vec3 light = mix(ground, sky, 0.5 * n.y + 0.5) * (bounce + (1.0 - bounce) * bled(v_seen.x));
+    vec4 seen = v_kind == 3 ? scattered(v_seen) : v_seen;
+    float shares[4] = float[4](seen.y, seen.x, seen.z, seen.w);
+    vec3 light = mix(ground, sky, 0.5 * n.y + 0.5) * (bounce + (1.0 - bounce) * bled(seen.x));
     for (int k = 0; k < 4; k++) {
         vec3 lit = max((vec3(dot(n, towards[k])) + wrap) / (1.0 + wrap), 0.0) * lamps[k];
         light += lit * (k == 1 ? bounce + (1.0 - bounce) * bled(shares[k]) : bled(shares[k]));

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from render.avatars import detail, lashes, textures
+from render.avatars import detail, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
@@ -54,11 +54,10 @@ NAVY, SAND, WINE, MOSS = (
     (0.36, 0.13, 0.16),
     (0.24, 0.29, 0.22),
 )
-CHALK, COAL, SKY, CLAY = (
+CHALK, COAL, SKY = (
     (0.78, 0.77, 0.74),
     (0.14, 0.14, 0.15),
     (0.36, 0.47, 0.58),
-    (0.55, 0.30, 0.22),
 )
 FINE, SOFT, FULL = Brows(440, 0.72, 1.2, 1.0), Brows(500, 0.85, 0.6, 0.5), Brows(680, 1.15)
 RECIPES = {
@@ -75,7 +74,7 @@ RECIPES = {
     "emil": Recipe(53, 0.65, -0.7, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
                    "blue", "short03_swept", BLOND, COAL, Skin(1.2, 0.3, 0.3)),
     "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
-                   "brown", "afro01", (0.13, 0.10, 0.085), CLAY, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
+                   "brown", "afro01", (0.13, 0.10, 0.085), CHALK, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
                    1.22, hairs=18_000),
     "greta": Recipe(75, 0.6, 1.2,
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
@@ -123,7 +122,7 @@ def make(
     if recipe.style not in (BALD, BUZZ):
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
-    who = maker.identity(name, dressed, wardrobe.texture(person), recipe.eye, cover)
+    who = maker.identity(name, dressed, wardrobe.texture(person), wardrobe.eye(recipe.eye), cover)
     albedo = calm_eyes(maker, who)
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
@@ -227,15 +226,10 @@ def run(assembly: Assembly, wardrobe: Wardrobe, folder: Path, card: dict[str, ob
         identity.save(who, folder, {"recipe": asdict(recipe), "detail": detail.card(), **card})
 
 
-def eyes(
-    wardrobe: Wardrobe, kinds: NDArray[np.integer], at: Floats, mixing: Floats
-) -> dict[str, NDArray[np.uint8]]:
+def eyes(wardrobe: Wardrobe, maker: Maker) -> dict[str, NDArray[np.uint8]]:
     """Colours of the eyes' Gaussians in every eye colour: so that anyone can be given eyes."""
-    rows = kinds == mesh_parts.EYE
-    plain, skin = np.ones((int(rows.sum()), 3), np.float32), np.ones((8, 16, 3), np.float32)
-    out = {}
-    for name in people.EYES:
-        levels = textures.levels(kinds[rows], at[rows], plain, skin, wardrobe.eye(name))
-        color = np.einsum("nl,nlc->nc", mixing[rows], levels)
-        out[f"eye.{name}"] = np.rint(np.clip(color, 0, 1) * 255).astype(np.uint8)
-    return out
+    rows, skin = maker.anchor_kinds == mesh_parts.EYE, np.ones((8, 16, 3), np.float32)
+    return {
+        f"eye.{name}": np.rint(maker.albedo(skin, wardrobe.eye(name))[rows] * 255).astype(np.uint8)
+        for name in people.EYES
+    }

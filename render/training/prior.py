@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from render.avatars.maker import Maker
 from render.decoder import prior_file
 from render.decoder.coding import EXPRESSION_DIM, Coding, extend
 from render.decoder.decoder import NUM_RIG, Decoder
@@ -84,13 +85,13 @@ def run(
     weight = vertex_weights(assembly, used)
     state = work / "networks.state"
     nets, left = learn.run(examples, judged, at.to_vertices, weight, state, size.steps, seed)
-    tensors = prior_tensors.tensors(assembly, anchors, fitted, coding, nets, used)
+    tensors = prior_tensors.tensors(
+        assembly, anchors, fitted, coding, nets, used, wardrobe.wrinkles
+    )
     rows = np.flatnonzero(np.isin(used, assembly.face.regions["teeth"]))
     tensors |= teeth.light(
         learn.changes(nets, examples), examples.light[: learn.MAPPED, rows].numpy(), rows
     )
-    kinds = assembly.kinds[anchors.triangles]
-    tensors |= avatars.eyes(wardrobe, kinds, places.uv(assembly, anchors), fitted.mixing)
     common = {
         "command": f"livedrive train prior --face DIR --preset {preset} --seed {seed}",
         "licence": LICENCE,
@@ -103,6 +104,8 @@ def run(
         "light_unexplained_held_out": left,
     }
     card = {"kind": prior_file.KIND, "rig_names": assembly.face.rig_names, "metrics": metrics}
+    weights_file.save(out / "prior", tensors, {**card, **common})
+    tensors |= avatars.eyes(wardrobe, Maker(out))
     weights_file.save(out / "prior", tensors, {**card, **common})
     Decoder.load(out)
     avatars.run(assembly, wardrobe, out, common)

@@ -5,6 +5,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from render.avatars import textures
+from render.decoder import mesh_parts
 from render.decoder.coding import Coding
 from render.decoder.identity import GLOSS_STEPS
 from render.decoder.learned.light import tensors_of
@@ -14,6 +16,8 @@ from render.training.fitting.fit import Fitted
 from render.training.fitting.learn import DecoderNetworks
 from render.training.geometry.anchors import Anchors, plain, uv
 from render.training.geometry.assembly import Assembly
+from render.types import Floats
+from render.wrinkles import STEPS
 
 KEPT_REGIONS = (
     *("lips", "lips_upper", "lips_lower", "upper_face", "eyelids", "brows", "eyeball_l"),
@@ -29,13 +33,14 @@ def tensors(
     coding: Coding,
     nets: DecoderNetworks,
     used: NDArray[np.int32],
+    folds: Floats,  # [SIZE, SIZE, 4] see look/wrinkles.py
 ) -> Tensors:
     """What render/decoder/prior_file.py and render/avatars/maker.py read."""
     face, pose = assembly.face, assembly.posing
     inside = np.isin(
         face.faces[anchors.triangles], np.concatenate([face.regions[r] for r in INTERIOR])
     ).all(1)
-    basis = pose.basis
+    basis, kinds = pose.basis, assembly.kinds[anchors.triangles]
     out: dict[str, Any] = {
         "basis_values": basis.data.astype(np.float16),
         "basis_columns": basis.indices.astype(np.uint8),
@@ -52,9 +57,12 @@ def tensors(
         "anchor_gloss": np.rint(fitted.gloss * GLOSS_STEPS).astype(np.uint8),
         "anchor_roughness": np.rint(fitted.roughness * 255).astype(np.uint8),
         "anchor_inside": inside,
-        "anchor_kinds": assembly.kinds[anchors.triangles].astype(np.uint8),
+        "anchor_kinds": kinds.astype(np.uint8),
         "anchor_uv": uv(assembly, anchors),
         "anchor_plain": np.rint(plain(assembly, anchors) * 255).astype(np.uint8),
+        "anchor_wrinkles": wrinkled(
+            folds, uv(assembly, anchors), assembly.kinds[anchors.triangles]
+        ),
         "vertex_colors": np.rint(assembly.colors[used] * 255).astype(np.uint8),
         "vertex_uv": assembly.vertex_uv[used],
         "places": assembly.places[used],
@@ -77,3 +85,10 @@ def tensors(
         for key, value in network.state_dict().items():
             out[f"{name}.{key}"] = value.numpy().astype(np.float16)
     return out
+
+
+def wrinkled(folds: Floats, at: Floats, kinds: NDArray[np.integer]) -> NDArray[np.int8]:
+    """Maps of wrinkles [SIZE, SIZE, 4] at the anchors, in the steps of a file."""
+    on_face = (kinds == mesh_parts.SKIN) & (at[:, 0] < 1)
+    soft = textures.soft(folds, textures.SKIN_SIGMAS[0])
+    return np.rint(on_face[:, None] * textures.sample(soft, at) * STEPS).astype(np.int8)

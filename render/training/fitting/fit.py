@@ -142,6 +142,8 @@ class Studio:
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
+        teeth = np.isin(head.used, self._assembly.face.regions["teeth"])
+        of_used[:2, teeth] = lighting.scattered(of_used[:2, teeth])
         still = head.at_rest(vertices)
         black = np.zeros((count, 3), np.float32)
         head.place(vertices, of_used, still, black, self.gloss, placed, lights)

@@ -8,7 +8,7 @@ import numpy as np
 from render.training.data.face_data import FaceData
 from render.training.data.people import VirtualPerson
 from render.training.fitting.resume import write
-from render.training.look import eyes, places, relief, skin
+from render.training.look import eyes, places, relief, skin, wrinkles
 from render.training.look.places import SIZE
 from render.types import Floats
 
@@ -41,10 +41,15 @@ class Wardrobe:
         """Height in mm, oil and roughness: for the mesh renderer."""
         return np.stack([self.relief.height, self.relief.oil, self.relief.rough], -1)
 
+    @cached_property
+    def wrinkles(self) -> Floats:  # [SIZE, SIZE, 4]
+        """See look/wrinkles.py."""
+        return wrinkles.maps(self.places)
+
     def clean(self, name: str) -> Floats:  # [SIZE, 2 SIZE, 3] linear
         """A stored skin without what was painted on it."""
         if name not in self._skins:
-            path = self._folder / f"skin_{Path(name).stem}.npy"
+            path = self._folder / f"cleaned_{Path(name).stem}.npy"
             if not path.exists():
                 made = skin.cleaned(self._face, name, self.places).astype(np.float16)
                 write(path, lambda draft: np.save(draft, made))
@@ -77,7 +82,7 @@ class Wardrobe:
 
     def eye(self, name: str) -> Floats:  # [512, 512, 3] stored
         if name not in self._eyes:
-            path = self._folder / f"eye_{name}.npy"
+            path = self._folder / f"iris_{name}.npy"
             if not path.exists():
                 made = eyes.picture(self._face, name)
                 write(path, lambda draft: np.save(draft, made))

@@ -10,16 +10,14 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.scatter import scatter
+from render.training.look.mouth import ARCH_MM, single
 from render.types import Floats, Ints
 
-ARCH_MM = 74.0  # the middle of the arch of teeth; what lies behind it is hardly ever seen
 CROWNS_MM = {"teeth_upper": 11.0, "teeth_lower": 9.5}  # height of a crown, and a bit of its neck
 EDGE_MM = 0.9  # along the edge that bites
 FACING = 0.2  # cosine to the way out of the arch
@@ -60,7 +58,8 @@ def crowns(assembly: Assembly) -> Floats:  # [F]
     """Density on the teeth."""
     face = assembly.face
     teeth = assembly.kinds == mesh_parts.TEETH
-    tooth, middles = _teeth(assembly), face.neutral[face.faces].mean(1)
+    tooth = single(face.faces, len(face.neutral))[face.faces[:, 0]]
+    middles = face.neutral[face.faces].mean(1)
     out = np.zeros(len(face.faces), np.float32)
     for region, height in CROWNS_MM.items():
         members = np.isin(face.faces, face.regions[region]).all(1) & teeth
@@ -84,14 +83,6 @@ def gums(assembly: Assembly) -> Floats:  # [F]
     shown = near & (_facing(assembly, rows) > 0)
     out[rows] = np.where(shown, GUM_FRONT, 1) * _towards_front(middles[rows])
     return out
-
-
-def _teeth(assembly: Assembly) -> NDArray[np.int32]:  # [F]
-    """Which part of the mesh a triangle belongs to: a tooth is one."""
-    faces, count = assembly.face.faces, len(assembly.face.neutral)
-    rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    joined = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    return connected_components(joined, directed=False)[1][faces[:, 0]]
 
 
 def _facing(assembly: Assembly, rows: NDArray[np.integer]) -> Floats:  # [n] -> [n]

@@ -22,6 +22,7 @@ COLORS = {
 WHITE, RED = (0.47, 0.425, 0.385), (0.12, 0.34, 0.36)  # of the eyeball; less of it at the rim
 MIDDLE = 0.28  # brightness of Reom's iris
 COLLAR = 0.235  # where its pupil ends
+RINGS = 40  # of an iris, each of which is lit evenly
 
 
 def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..1
@@ -58,7 +59,21 @@ def _fibres(face: FaceData, radius: Array, around: Array) -> Floats:  # [...] ga
     else:
         rays = np.random.default_rng(5).standard_normal(240)
         gain = 1 + 0.25 * np.interp(around % (2 * np.pi), np.linspace(0, 2 * np.pi, 240), rays)
-    return np.clip(gain, 0.25, 2.4).astype(np.float32) ** 1.05
+    return np.clip(_evenly_lit(gain, radius, around), 0.25, 2.4).astype(np.float32) ** 1.05
+
+
+def _evenly_lit(gain: Array, radius: Array, around: Array) -> Array:  # [...] each
+    """Without the light of the photograph, which came from one side: it would draw the dark rim of
+    the iris to the other, and a look with it. Fibres end in that rim."""
+    out, ring = gain.copy(), np.rint(radius * RINGS)
+    waves = np.stack([f(k * around) for k in (1, 2) for f in (np.cos, np.sin)], -1)
+    for of in np.unique(ring):
+        rows = ring == of
+        system = np.concatenate([np.ones((int(rows.sum()), 1)), waves[rows]], 1)
+        fit = np.linalg.lstsq(system, gain[rows], rcond=None)[0]
+        out[rows] *= fit[0] / np.maximum(system @ fit, 0.25 * fit[0])
+        out[rows] += np.clip((of / RINGS - 0.7) / 0.2, 0, 1) * (fit[0] - out[rows])
+    return out
 
 
 def _veins(x: Array, y: Array, away: Array) -> Floats:  # [..., 3] gain

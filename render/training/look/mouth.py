@@ -1,12 +1,16 @@
 """Colours of what has no texture: teeth, gums, tongue and the inside of the cheeks."""
 
 import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import connected_components
 
 from render.training.data.face_data import SKIN_VERTICES, FaceData
-from render.types import Floats
+from render.types import Floats, Ints
 
-CROWN, NECK = (0.88, 0.82, 0.72), (0.76, 0.67, 0.53)  # linear: cool edge, warm at the gum
+CROWN, NECK = (0.80, 0.735, 0.63), (0.70, 0.61, 0.48)  # linear: cool edge, warm at the gum
 UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
+ARCH_MM = 74.0  # the middle of the arch of teeth
+SIDE, SHARP = np.array([0.34, 0.42, 0.52]), 6  # how much darker a tooth is beside the next one
 GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.50, 0.21, 0.20), (0.34, 0.12, 0.11)
 
 
@@ -30,8 +34,29 @@ def colors(face: FaceData) -> Floats:  # [V, 3] stored
         tooth = np.array(CROWN) * (1 - share) + np.array(NECK) * share
         tooth *= 1 - 0.16 * np.clip(1 - 5 * share, 0, 1) * np.array([1.2, 1.0, 0.7])
         back = np.clip((100 - points[rows, 2]) / 30, 0, 1)[:, None]
+        tooth *= 1 - SIDE * _beside(face, rows)[:, None] ** SHARP
         out[rows] = tooth * (1 - 0.25 * back * np.array([0.7, 0.9, 1.2]))
     out[inside] = np.sqrt(out[inside])
+    return out
+
+
+def single(faces: Ints, count: int) -> Ints:  # [F, 3] -> [count]
+    """Which connected part of the mesh a vertex belongs to: a tooth is one."""
+    rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
+    joined = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    return connected_components(joined, directed=False)[1]
+
+
+def _beside(face: FaceData, rows: Ints) -> Floats:  # [n] vertices of teeth -> [n] 0..1
+    """How far they lie from the middle of their tooth, along the arch, towards the next one."""
+    parts, points = single(face.faces, len(face.neutral))[rows], face.neutral[rows]
+    out = np.zeros(len(rows), np.float32)
+    for part in np.unique(parts):
+        of_tooth = parts == part
+        off = points[of_tooth] - points[of_tooth].mean(0)
+        x, _, z = points[of_tooth].mean(0) - (0, 0, ARCH_MM)
+        along = np.abs(off[:, [0, 2]] @ (max(z, 0), -x)) / np.hypot(max(z, 0), x)
+        out[of_tooth] = along / along.max()
     return out
 
 

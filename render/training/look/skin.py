@@ -13,6 +13,7 @@ from render.training.look.places import SIZE, Places, soft
 from render.training.look.relief import Relief, noise
 from render.types import Floats
 
+LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -47,13 +48,23 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
     weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
     wide, near = (soft(tone * weight[..., None], s) / soft(weight, s)[..., None] for s in (35, 9))
-    sockets = np.clip(3 * soft((places.lids > 0.3).astype(np.float32), 7), 0, 1)
-    flat = (0.7 * skin * (1 - sockets) + 0.6 * sockets) * soft(places.face, 7)
-    tone *= 1 + (np.clip(wide / np.clip(near, 0.01, None), 0.75, 1.5) - 1) * flat[..., None]
+    sockets = np.clip(3 * soft((places.lids > 0.3).astype(np.float32), 7), 0, 1)[..., None]
+    flat = (0.7 * skin[..., None] * (1 - sockets) + 0.6 * sockets) * soft(places.face, 7)[..., None]
+    tone *= 1 + (np.clip(wide / np.clip(near, 0.01, None), 0.75, 1.5) - 1) * flat
+    tone += sockets * (_in_hue(tone, wide) - tone)
     light = tone @ LUMINANCE
     blotch = soft(light, 0.6) / np.clip(soft(light, 3.5), 0.01, None)
     tone /= np.clip(blotch, 0.6, 1.6)[..., None] ** 0.35
     return np.concatenate([tone, atlas[:, SIZE:]], 1)
+
+
+def _in_hue(tone: Floats, around: Floats) -> Floats:  # [..., 3] each
+    """As bright as before, in about the hue of the skin around: wet corners and lashes that a
+    texture has are red and green."""
+    light, hue = tone @ LUMINANCE, around / np.clip(around @ LUMINANCE, 1e-3, None)[..., None]
+    own = tone / np.clip(light, 1e-3, None)[..., None]
+    own = np.clip(own, LEAST_HUE * hue, MOST_HUE * hue)
+    return own * (light / np.clip(own @ LUMINANCE, 1e-3, None))[..., None]
 
 
 def reom(face: FaceData, name: str) -> Floats | None:  # [SIZE, SIZE, 3] linear

@@ -61,11 +61,34 @@ def test_a_sheet_shows_its_texture_in_its_own_hue():
     free = (above[:, :2] > 2).all(1) & (above[:, :2] < SIDE - 3).all(1)
     seen = textures.sample(skin, blend.uv * detail.ATLAS)
     before = np.abs(blend.shares @ albedo - seen).mean()
-    sharp = detail.sharpened(albedo, free, blend, skin)
+    sharp = detail.sharpened(albedo, free, blend, seen)
     assert np.abs(blend.shares @ sharp - seen).mean() < 0.75 * before
     assert (sharp[~free] == albedo[~free]).all()
     inside = (sharp > 0.01).all(1) & (sharp < 0.99).all(1)
     hue = [c[inside] / c[inside].sum(1, keepdims=True) for c in (sharp, albedo)]
     np.testing.assert_allclose(hue[0], hue[1], atol=1e-5)
-    again = detail.sharpened(albedo, free, blend, skin)
+    again = detail.sharpened(albedo, free, blend, seen)
     assert (again == sharp).all()
+
+
+def test_an_eye_keeps_its_own_hues():
+    """A dark disc on a red and white ground, on a sheet that blurs it: its rim is seen steeper."""
+    drawn = sheet()
+    above = drawn.points[~drawn.below]
+    points = np.zeros((6000, 3), np.float32)
+    points[:, :2] = np.random.default_rng(2).uniform(4, SIDE - 4, (6000, 2))
+    normals = np.tile(np.array([0, 0, 1], np.float32), (len(points), 1))
+
+    def ground(at):
+        inside = np.hypot(*(at - SIDE / 2).T) < 4
+        return np.where(inside[:, None], [0.1, 0.1, 0.1], [0.8, 0.3, 0.3]).astype(np.float32)
+
+    blend = detail.blend(drawn, shares_of(drawn), points, normals, points[:, :2])
+    albedo, wanted = ground(above[:, :2]), ground(blend.uv)
+    bounds = np.full_like(albedo, 0.05), np.full_like(albedo, 0.9)
+    painted = detail.repainted(albedo, np.ones(len(above), bool), blend, wanted, bounds)
+    before, after = (np.abs(blend.shares @ c - wanted).mean(0) for c in (albedo, painted))
+    assert (after < 0.95 * before).all() and painted.min() > 0.049 and painted.max() < 0.901
+    alone = detail.blend(drawn, shares_of(drawn), points, normals, points[:, :2], ~drawn.below)
+    wide = shares_of(drawn)[len(above) :].sum(0) > 0
+    assert wide.any() and alone.shares.sum(1).max() < 1.001

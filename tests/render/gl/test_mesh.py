@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from render import lighting
+from render import lighting, wrinkles
 from render.cameras import portrait
 from render.decoder import mesh_parts
 from render.decoder.lines import Line
@@ -39,7 +39,7 @@ def draw(
         renderer.set_texture(name, np.ones((4, 4, 3), np.float32))
     rows = [np.tile(np.array(v, np.float32), (4, 1)) for v in (normal, color, seen)]
     lights = lights or lighting.STUDIO
-    return renderer.draw(CORNERS, *rows, portrait(size, size), lights, False, lids)
+    return renderer.draw(CORNERS, *rows, portrait(size, size), lights, False, lids=lids)
 
 
 @pytest.mark.parametrize("direction", [(0, 0, 1), (0.5, 0.5, 0.7), (-0.8, 0.1, 0.6), (0, 1, 0)])
@@ -111,3 +111,43 @@ def test_a_roof_takes_the_sky_and_the_key_light(egl_context):
     assert seen.shape == (len(vertices), 4)  # sky, key light, rims
     assert seen[0, 1] == 0 and seen[0, 0] < 0.5
     assert seen[3, 1] == 1 and seen[3, 0] > 0.9
+
+
+def test_teeth_pass_light_on_in_the_shader_as_in_numpy(egl_context):
+    seen = (0.3, 0.2, 0.3, 0.6)
+    picture = draw(egl_context, (0, 0, 1), seen=seen, kind=mesh_parts.TEETH)
+    share = np.float32([seen])
+    share[:, :2] = lighting.scattered(share[:, :2])
+    light = lighting.STUDIO.shade(np.float32([[0, 0, 1]]), share)[0]
+    expected = lighting.developed(np.float32([0.6, 0.5, 0.4]) ** 2 * light)
+    np.testing.assert_allclose(picture[32, 32] / 255, expected, atol=1.5 / 255)
+    assert share[0, 1] > 2 * seen[1]
+
+
+def test_folds_darken_the_side_that_an_expression_folds(egl_context):
+    """Texture, sides and tint of the shader are those of the decoder."""
+    renderer = MeshRenderer(egl_context, square(mesh_parts.SKIN))
+    for name in ("skin", "eye"):
+        renderer.set_texture(name, np.full((4, 4, 3), 0.6, np.float32))
+    maps = np.zeros((8, 8, 4), np.float32)
+    maps[..., 2] = 0.3
+    renderer.set_texture("wrinkles", maps)
+    names = sorted({f"{n}_{s}" for kind in wrinkles.KINDS for n in kind for s in "LR"})
+    rig = np.zeros(len(names), np.float32)
+    rig[names.index("eyeSquint_L")] = 1
+    folds = wrinkles.build(
+        maps[0, :2], np.float32([40, -40]), names, len(names)
+    )  # to the left, to the right
+    rows = [np.tile(np.float32(v), (4, 1)) for v in ((0, 0, 1), (1, 1, 1), (1, 0, 0, 0))]
+    amounts = wrinkles.amounts(rig, folds.from_rig)
+    folded, bare = (
+        renderer.draw(CORNERS, *rows, portrait(64, 64), mirrors=False, folds=f)
+        for f in (amounts, None)
+    )
+    expected = np.full((2, 3), 0.6, np.float32)
+    folds.fold(rig, expected)
+    light = lighting.exposed(bare[32, 40].astype(np.float32) / 255) / 0.6**2
+    left = lighting.developed(expected[0] ** 2 * light)
+    np.testing.assert_allclose(folded[32, 40] / 255, left, atol=2 / 255)  # +x is on the right
+    assert (folded[32, 24] == bare[32, 24]).all() and (expected[1] == np.float32(0.6)).all()
+    assert folded[32, 40, 1] < bare[32, 40, 1] - 15
