@@ -71,7 +71,7 @@ def amounts(rig: Floats, from_rig: Floats) -> Floats:  # [R], [R, 8] -> [8] 0..1
 
 def side(across: Floats) -> Floats:  # mm -> 0 right .. 1 left
     share = np.clip(across / (2 * ACROSS_MM) + 0.5, 0, 1)
-    return share * share * (3 - 2 * share)
+    return (share * share * (3 - 2 * share)).astype(np.float32)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -44,6 +44,9 @@ def of_densities(
         shares = fields["shares"]
         of = shares if density == "65k" else csr_array(eye_array(len(head.points)))
         on_eye = shares @ eye.astype(np.float32) > 0.99
-        skin, eyes = detail.blend(head, of, *places[0]), detail.blend(head, of, *places[1], on_eye)
+        skin, eyes = (
+            detail.blend(head, of, *places[0]),
+            detail.blend(head, of, *places[1], among=on_eye),
+        )
         out[density] = Blends(shares, skin, eyes)
     return out

@@ -149,7 +149,8 @@ class Maker:
         known, shown = KDTree(seen.uv), seen.shares @ albedo
         for preset in detail.THINNER:
             shares, of, of_eyes = self._shown[preset]
-            colors, gains = shares @ albedo, np.ones(shares.shape[0], np.float32)
+            colors = np.asarray(shares @ albedo)
+            gains = np.ones(len(colors), np.float32)
             eyes = shown[np.asarray(known.query(of_eyes.uv)[1])]
             skins = textures.sample(skin, of.uv * detail.ATLAS)
             for which, blend, wanted, limits in (

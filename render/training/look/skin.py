@@ -64,7 +64,7 @@ def _in_hue(tone: Floats, around: Floats) -> Floats:  # [..., 3] each
     light, hue = tone @ LUMINANCE, around / np.clip(around @ LUMINANCE, 1e-3, None)[..., None]
     own = tone / np.clip(light, 1e-3, None)[..., None]
     own = np.clip(own, LEAST_HUE * hue, MOST_HUE * hue)
-    return own * (light / np.clip(own @ LUMINANCE, 1e-3, None))[..., None]
+    return (own * (light / np.clip(own @ LUMINANCE, 1e-3, None))[..., None]).astype(np.float32)
 
 
 def reom(face: FaceData, name: str) -> Floats | None:  # [SIZE, SIZE, 3] linear

@@ -5,11 +5,13 @@ Light comes from above: under a dark fold lies a flank that is lit.
 """
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.training.look.places import Places, soft
 from render.training.look.relief import noise
 from render.types import Floats
 
+Array = NDArray[np.floating]
 FOREHEAD_MM = ((66.5, 0.7), (73.5, 1.0), (80.5, 0.9), (87.5, 0.5))  # heights of lines, how deep
 FROWN_MM = ((6.0, 38.0, 60.0), (0.8, 40.0, 56.0))  # off the middle at their foot, from, up to
 CORNER_MM, RAYS_DEG = (46.0, 33.0), (-34, -10, 14, 36)  # of the eye; of rays out of it
@@ -27,12 +29,12 @@ def maps(places: Places) -> Floats:  # [SIZE, SIZE, 4]
     return np.stack([on * depth * kind for depth, kind in depths], -1).astype(np.float32)
 
 
-def _line(off: Floats, width: float) -> Floats:
+def _line(off: Array, width: float) -> Array:
     """A fold by the distance above its middle, mm: dark, and lit below."""
     return np.exp(-((off / width) ** 2)) - 0.45 * np.exp(-(((off + 1.9 * width) / width) ** 2))
 
 
-def _forehead(places: Places, uneven: Floats) -> Floats:
+def _forehead(places: Places, uneven: Floats) -> Array:
     height = places.up + 1.3 * uneven + 0.0035 * places.across**2
     out = np.zeros_like(height)
     for middle, deep in FOREHEAD_MM:
@@ -41,7 +43,7 @@ def _forehead(places: Places, uneven: Floats) -> Floats:
     return out * np.clip((46 - places.across) / 16, 0, 1)
 
 
-def _frown(places: Places) -> Floats:
+def _frown(places: Places) -> Array:
     out = np.zeros_like(places.up)
     for foot, low, high in FROWN_MM:
         share = np.clip((places.up - low) / (high - low), 0, 1)
@@ -54,7 +56,7 @@ def _frown(places: Places) -> Floats:
     return out + 0.7 * root * _line(places.up - 29 - 0.02 * places.across**2, 1.7)
 
 
-def _rays(places: Places, uneven: Floats) -> Floats:
+def _rays(places: Places, uneven: Floats) -> Array:
     x, y = places.across - CORNER_MM[0], places.up - CORNER_MM[1]
     away, around = np.hypot(x, y), np.degrees(np.arctan2(y, x)) + 5 * uneven
     out = np.zeros_like(x)
@@ -68,7 +70,7 @@ def _rays(places: Places, uneven: Floats) -> Floats:
     return out + 0.5 * lids * (_line(under + 9.0, 1.3) + 0.7 * _line(under + 13.0, 1.3))
 
 
-def _fold(places: Places) -> Floats:
+def _fold(places: Places) -> Array:
     """Soft, beside a line from the wing of the nose past the corner of the mouth."""
     x, y = np.array(FOLD_MM).T
     middle = np.interp(places.up, y[::-1], x[::-1])
