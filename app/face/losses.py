@@ -28,7 +28,7 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
     from app.face.mesh import face_mesh
     from encoder.capture.motion.channels import SPEECH_COLUMNS
     from encoder.training.geometry import TrainingFace
-    from render.decoder.decoder import Decoder
+    from render.decoder.decoder import NUM_RIG, Decoder
 
     decoder, mesh = Decoder.load(), face_mesh("ben")
     weights: dict[int, float] = {}
@@ -36,8 +36,9 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
         for vertex in decoder.regions[region][::every].tolist():
             weights[vertex] = max(weight, weights.get(vertex, 0.0))
     chosen = np.array(sorted(weights))
-    speech = list(SPEECH_COLUMNS)
-    to_mouth = torch.as_tensor(decoder.to_rig[:, speech] @ decoder.to_code[speech])  # [256, 256]
+    coding = decoder.coding
+    moved = [*SPEECH_COLUMNS, *range(NUM_RIG, len(coding.to_code))]  # the tongue's come last
+    to_mouth = torch.as_tensor(coding.to_rig[:, moved] @ coding.to_code[moved])  # [256, 256]
     ends = np.array([mesh.marks.corners, mesh.marks.centres])  # [2, 2] lip vertices
     lips = mesh.lips(np.zeros((1, len(to_mouth)), np.float32))[0]
     at_rest = torch.as_tensor((lips[ends[:, 0]] - lips[ends[:, 1]]).astype(np.float32))
@@ -48,7 +49,7 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
         return _moved(one - other)
 
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
-        return rig.astype(np.float32) @ decoder.to_code
+        return decoder.encode(rig)
 
     def spans(codes: "Tensor") -> "Tensor":
         between_ends = apart(codes) + at_rest.to(codes.device)
@@ -60,7 +61,11 @@ def face(regions: dict[str, tuple[int, float]] = LOSS_VERTICES) -> "TrainingFace
     scale = torch.tensor([weights[int(v)] for v in chosen])
     vertices = _moved(decoder.moves(chosen))
     apart, gaps = between(ends), between(mesh.marks.pairs)
-    return TrainingFace(rig_to_code, vertices, scale / scale.mean(), gaps, spans, mouth)
+
+    def tongue(codes: "Tensor") -> "Tensor":
+        return codes.float() @ torch.as_tensor(coding.to_rig[:, NUM_RIG:]).to(codes.device)
+
+    return TrainingFace(rig_to_code, vertices, scale / scale.mean(), gaps, spans, mouth, tongue)
 
 
 def _moved(linear: np.ndarray) -> "Callable[[Tensor], Tensor]":

@@ -16,7 +16,7 @@ KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
 REACH_MM = 3.0
 HEAD = "contact."  # prefix of its tensors' names
 # The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.
-MOUTH = 27
+MOUTH = 29
 VOICE = 32
 # The zero convolutions of emotions (zero_conv.py)
 EMBEDDING = 512  # as in the paper (CLIP)

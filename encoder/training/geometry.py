@@ -23,12 +23,13 @@ JITTER_FLOOR_MM = 0.5  # per frame^3; a jaw that swings 5 mm at 2 Hz has 0.5
 class TrainingFace:
     """The parts of the frozen decoder that training needs, as callables."""
 
-    rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53] -> [..., 256]
+    rig_to_code: Callable[[np.ndarray], np.ndarray]  # [..., 53], with tongue 55 -> [..., 256]
     vertices: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, V, 3] mm
     weights: Tensor  # [V], mean 1: w_i of the paper, larger for the mouth
     gaps: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, P, 3] mm between the inner lips
     spans: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> [B, T, 2] mm, corners and centres
-    mouth: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> their part that moves the mouth
+    mouth: Callable[[Tensor], Tensor]  # codes [B, T, 256] -> their part that moves mouth and tongue
+    tongue: Callable[[Tensor], Tensor]  # codes [..., 256] -> [..., 2] tip and back raised, 0..1
 
 
 def velocity_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:

@@ -19,6 +19,7 @@ class Mouth:
     write: np.ndarray  # [MOUTH, 256]
     shape: Tensor  # [MOUTH, V * 3] mm, weighted; of unit weight in all
     lips: Tensor  # [MOUTH, 2] mm that the lips open and widen
+    tongue: Tensor  # [MOUTH, 2] by how much tip and back are raised
 
     @staticmethod
     def of(face: TrainingFace) -> "Mouth":
@@ -34,7 +35,8 @@ class Mouth:
         tiny = 1e-2  # spans are lengths: straight near rest
         width = (face.spans(tiny * codes) - face.spans(nothing))[:, 0, 0] / tiny
         opening = face.gaps(codes)[..., 1].mean(-1)[:, 0]
-        return Mouth(face, read, write, shape, torch.stack([opening, width], 1))
+        lips, tongue = torch.stack([opening, width], 1), face.tongue(codes)[:, 0]
+        return Mouth(face, read, write, shape, lips, tongue)
 
     def vertices(self, mouth: Tensor) -> Tensor:
         return mouth @ self.shape
@@ -54,4 +56,5 @@ class Mouth:
         spans = self.spans(truth)
         ways = torch.linalg.lstsq(spans - spans.mean(0), truth - truth.mean(0)).solution
         way = ways[1]  # [M] widens by one mm and opens by none
+        way = way - way @ self.tongue @ torch.linalg.pinv(self.tongue)  # the tongue stays
         return torch.eye(MOUTH) + (gain - 1) * self.lips[:, 1:] * way

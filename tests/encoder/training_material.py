@@ -10,7 +10,7 @@ from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
 from encoder.denoiser.config import MOUTH
 from encoder.training.geometry import TrainingFace
 
-BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
+BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 55)))[0].T.astype(np.float32)
 
 
 def vertices(codes: torch.Tensor) -> torch.Tensor:
@@ -22,8 +22,8 @@ def mouth(codes: torch.Tensor) -> torch.Tensor:
 
 
 FACE = TrainingFace(
-    lambda rig: rig @ BASIS * 10, vertices, torch.ones(10), vertices,
-    lambda codes: codes[..., :2], mouth,
+    lambda rig: rig @ BASIS[: rig.shape[-1]] * 10, vertices, torch.ones(10), vertices,
+    lambda codes: codes[..., :2], mouth, lambda codes: codes[..., MOUTH - 2 : MOUTH],
 )  # fmt: skip
 
 

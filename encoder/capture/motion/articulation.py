@@ -27,8 +27,8 @@ SYNC_FRAMES = 4  # that they may be early or late
 
 
 def opening(rig: np.ndarray) -> np.ndarray:
-    """[T, 53] -> [T] how far the lips are apart, in units of mouthClose."""
-    return closures.closing_weight(rig) - rig[:, MOUTH_CLOSE]
+    """[..., 53] -> [...] how far the lips are apart, in units of mouthClose."""
+    return closures.closing_weight(rig) - rig[..., MOUTH_CLOSE]
 
 
 def in_sync(curves: np.ndarray, phones: list[Phone], style: Style) -> bool:
@@ -52,6 +52,13 @@ def _asked(
     on_teeth = closures.holds(phones, TEETH_TOUCHING, times, np.asarray(shut.any(0)))
     every = np.concatenate([meet, on_teeth])
     return made, closures.contact(meet, every, times), closures.contact(on_teeth, every, times)
+
+
+def tongue(phones: list[Phone], num_frames: int, style: Style) -> np.ndarray:
+    """[T, 3] 0..1, in the order of TONGUE_NAMES: as the rules move it, as no tracker sees it."""
+    times = rules.frame_times(num_frames)
+    tracks = rules.gesture_tracks(phones, times, style)
+    return rules.tongue_curves(tracks, rules.speaking_at(phones, times))
 
 
 def articulated(

@@ -35,8 +35,8 @@ for _name, _weight in TOUCH_POSE.items():
 
 
 def closing_weight(curves: np.ndarray) -> np.ndarray:
-    """[T, 53] -> [T] the `mouthClose` that just shuts lips which the other channels opened."""
-    opening_mm = sum(mm * curves[:, RIG_INDEX[name]] for name, mm in _OPENING_MM.items())
+    """[..., 53] -> [...] the `mouthClose` that just shuts lips which the other channels opened."""
+    opening_mm = sum(mm * curves[..., RIG_INDEX[name]] for name, mm in _OPENING_MM.items())
     return np.asarray(opening_mm / SLOPE_MM)
 
 

@@ -113,6 +113,12 @@ def open_mouth(
     return curves
 
 
+def tongue_curves(tracks: dict[str, np.ndarray], speaking: np.ndarray) -> np.ndarray:
+    """Gesture tracks -> [T, 3] 0..1: tongueOut, tongueTipUp, tongueBackUp."""
+    curves = np.stack([tracks[gesture] for gesture in TONGUE_GESTURES], 1)
+    return np.clip(curves * speaking[:, None], 0, 1).astype(np.float32)
+
+
 def speech_curves(
     phones: list[Phone],
     audio: np.ndarray,  # [n] at 48 kHz
@@ -145,8 +151,7 @@ def speech_curves(
         every = np.concatenate([lips_meet, lip_on_teeth])
         close = contact(lips_meet, every, times)
         touch = contact(lip_on_teeth, every, times)
-        for column, gesture in enumerate(TONGUE_GESTURES):
-            tongue[:, column] = np.clip(tracks[gesture] * speaking, 0, 1)
+        tongue = tongue_curves(tracks, speaking)
     curves = np.clip(curves + upper + mood, 0, 1)
     return Motion(np.clip(with_contacts(curves, close, touch, style, lips), 0, 1), gaze, tongue)
 

@@ -16,7 +16,7 @@ import soundfile
 import soxr
 
 from encoder.capture.made import Take, phone_labels, take
-from encoder.capture.motion.articulation import articulated, in_sync
+from encoder.capture.motion.articulation import articulated, in_sync, tongue
 from encoder.capture.motion.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.rules import frame_times
@@ -144,11 +144,12 @@ def grid_takes(
             if not in_sync(rig, said, Style()):
                 continue
             rig = articulated(rig, said, Style(), lips) if completed else rig
+        moved = tongue(said, len(rig), Style()) if said else None
         upper, gaze = upper_face(np.clip(rig[:, JAW_OPEN] / JAW_LOUD, 0, 1), rng, reading=True)
-        heard = np.full(len(rig), -1) if said is None else phone_labels(said, len(rig))
+        heard = phone_labels(said, len(rig)) if said else np.full(len(rig), -1)
         yield take(
-            audio, rig + upper, gaze, heard, truth="tracked", voice=f"grid-{speaker}",
-            split=split, kind="grid", spans=None if said is None else pack_phones(said),
+            audio, rig + upper, gaze, heard, tongue=moved, truth="tracked", kind="grid",
+            voice=f"grid-{speaker}", split=split, spans=pack_phones(said) if said else None,
         )  # fmt: skip
 
 

@@ -183,4 +183,7 @@ def write(config: AudioConfig, encoder: AudioEncoder, trained: dict[str, Any]) -
         "steps": config.steps,
         **trained,
     }  # fmt: skip
+    if config.start is not None:  # what it went on from, the last first
+        began = checkpoint.load(config.start, "audio", "centred")[1]
+        card["start"] = [{k: began[k] for k in ("sha256", "steps")}, *began.get("start", [])]
     checkpoint.save(config.output, checkpoint.quantised(encoder.state_dict()), card)

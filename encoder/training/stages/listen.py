@@ -27,7 +27,7 @@ from encoder.training.mouth import Mouth
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale, new_head
-from encoder.training.streams.pieces import SpokenPieces
+from encoder.training.streams.pieces import SpokenPieces, phone_weights
 from encoder.training.streams.spoken import Ears, hear_pack
 
 SHUT_MM, OPEN_MM = 0.4, 1.6  # what the contact head makes of p, b, m, and leaves of open vowels
@@ -46,9 +46,9 @@ class ListenConfig:
     # of the mouth that the blocks' is; on talkers left out, without gate and contact head (r raw,
     # above 0.5 Hz | with babble): .4 .77 .65 | .67 .51, .2 .77 .66 | .67 .54, 0 .77 .66 | .67 .55;
     # the more, the nearer to rule-made motion
-    share: float = 0.35
-    gain: float = 1.1  # of both: a mean of predictions moves less than people do
-    width_gain: float = 1.25  # of how wide the lips are, on top
+    share: float = 0.25
+    gain: float = 1.17  # of both: a mean of predictions moves less than people do
+    width_gain: float = 1.4  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
     drop: float = 0.4  # dropout: share of hidden units left out in a step
@@ -57,14 +57,17 @@ class ListenConfig:
     batch: int = 48
     frames: int = 100
     rate: float = 2e-3
+    # how much more a rare phone weighs: power of its share; 0: r .01 lower, with babble .03
+    balance: float = 0.4
     rules: float = 0.25  # weight of rule-made motion, against 1 of real talkers
     rest: float = 0.3  # weight of what is no voice
     versions: int = 2  # of each clip, each with its own random microphone and room
     noises: int = 200  # clips of no voice beside the pack's
     velocity_weight: float = 0.3
     span_weight: float = 1.0  # of the lips' opening and width
+    tongue_weight: float = 1.0
     voice_weight: float = 4.0
-    miss_weight: float = 3.5  # of lips that are not shut for p, b and m
+    miss_weight: float = 4.5  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
     idle_weight: float = 4.0  # of what it moves elsewhere
@@ -90,6 +93,7 @@ class Listener:
     mouth: Mouth
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
     mix: Tensor  # [MOUTH, MOUTH]: gains
+    rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
     def losses(self, batch: tuple[Tensor, ...], config: ListenConfig) -> dict[str, Tensor]:
         heard, own, truth, phones, voiced, there = batch
@@ -98,11 +102,13 @@ class Listener:
         dropped = functional.dropout(seen, config.drop_heard)
         said = self.direct.said(dropped, config.drop)
         off = self.mouth.vertices(said - truth) * there[..., None]
-        count = there.sum()
+        spans = self.mouth.spans(said - truth) * there[..., None]
+        count, rare = there.sum(), self.rarity[phones][..., None]
         result = {
-            "shape": off.square().sum() / count,
+            "shape": (off.square() * rare).sum() / count,
             "velocity": off.diff(dim=1).square().sum() / count,
-            "span": (self.mouth.spans(said - truth) * there[..., None]).square().sum() / count,
+            "span": (spans.square() * rare).sum() / count,
+            "tongue": self._tongue(said - truth, phones, there),
         }
         odds = self.direct.voiced(plain)[..., 0]
         sides = [there * (voiced == side) for side in (0, 1)]
@@ -118,6 +124,12 @@ class Listener:
             if name != "shape"
         )
         return result | {"total": total}  # type: ignore[dict-item]
+
+    def _tongue(self, error: Tensor, phones: Tensor, there: Tensor) -> Tensor:
+        """Mean squared error of the raised tongue, where phones tell what it does."""
+        known = there * (phones >= 0)
+        off = (error @ self.mouth.tongue).square().sum(-1)
+        return (off * known).sum() / known.sum().clamp(min=1)
 
     def _contact(
         self, shown: Tensor, voice: Tensor, truth: Tensor, phones: Tensor, there: Tensor,
@@ -181,7 +193,17 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
         "listen", trained, step_losses, steps=config.steps, rate=config.rate, run=config.run
     )
     finish(listener, config)
-    names = ("share", "gain", "width_gain", "rules", "rest", "versions", "noises", "steps")
+    names = (
+        "share",
+        "gain",
+        "width_gain",
+        "balance",
+        "rules",
+        "rest",
+        "versions",
+        "noises",
+        "steps",
+    )
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}
     places = chain.ChainPaths(config.pack, config.phones, config.pair, config.output)
@@ -199,7 +221,8 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     direct = Direct(heard.shape[1], student.config.expression_dim, config.hidden)
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
     mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
-    return Listener(direct, contact, student, mouth, scale, mix)
+    rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
+    return Listener(direct, contact, student, mouth, scale, mix, rarity)
 
 
 @torch.no_grad()

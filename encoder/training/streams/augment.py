@@ -15,11 +15,12 @@ from encoder.capture.speech.handling import HANDLING
 Noise = Callable[[int, np.random.Generator], np.ndarray]  # [n] of about unit RMS
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Crop:
     audio: np.ndarray  # [800 T] float32, what the network hears
     clean: np.ndarray  # [800 T] float32, before noise and microphone
     rig: np.ndarray  # [T, 53] float32
+    tongue: np.ndarray  # [T, 3] float32
     gaze: np.ndarray  # [T, 2, 3] float32
     phones: np.ndarray  # [T] int64, -1 unknown
 
@@ -133,13 +134,16 @@ def crop(
         clean = not_speech(count, rng)  # more kinds than the capture's
     where = (np.arange(frames) + 1) * factor - 1  # frame k sits at the end of its samples
     rig = _curves(clip.rig[start:stop], where)
+    tongue = _curves(clip.tongue[start:stop], where)
     gaze = _curves(clip.gaze[start:stop].reshape(stop - start, 6), where)
     inside = np.round(where).astype(int)
     labels = clip.phones[start:stop].astype(np.int64)
     phones = np.where(inside < len(labels), labels[np.minimum(inside, len(labels) - 1)], 0)
-    rig[inside >= len(labels)] = 0
-    audio = distort(clean, rng, p, others)
-    return Crop(audio=audio, clean=clean, rig=rig, gaze=gaze.reshape(-1, 2, 3), phones=phones)
+    rig[inside >= len(labels)] = tongue[inside >= len(labels)] = 0
+    return Crop(
+        audio=distort(clean, rng, p, others), clean=clean, rig=rig, tongue=tongue,
+        gaze=gaze.reshape(-1, 2, 3), phones=phones,
+    )  # fmt: skip
 
 
 def _curves(curves: np.ndarray, where: np.ndarray) -> np.ndarray:

@@ -158,8 +158,8 @@ def _noisy(lesson: Lesson, others: list[Lesson], rng: np.random.Generator) -> Le
     wanted = 0.06 * 10 ** (rng.uniform(-30, 10) / 20)
     clean = lesson.clean * np.float32(wanted / max(_level(lesson.clean), 1e-3))
     sound, level = clean.astype(np.float64), _level(clean)
-    if rng.random() < 0.45:
-        sound += level * 10 ** (-rng.uniform(3, 26) / 20) * _babble(others, rng)
+    if rng.random() < 0.75:
+        sound += level * 10 ** (-rng.uniform(3, 20) / 20) * _babble(others, rng)
     if rng.random() < 0.35:
         sound += level * 10 ** (-rng.uniform(0, 30) / 20) * _noise(len(sound), rng)
     if rng.random() < 0.5:  # every real microphone hisses

@@ -4,10 +4,12 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from encoder.capture.speech.phones import PHONES
 from encoder.training.mouth import Mouth
 from encoder.training.streams.spoken import REST, RULES, SpokenFrames
 from sensors.types import InputError
 
+LEAST = 1e-3  # share of a phone, added to all
 APART_MM = 1.0  # that lips are when a voice is heard, where phones are not known
 
 
@@ -69,3 +71,12 @@ def voice_weights(
     for name, share in ((RULES, rules), (REST, rest)):
         weight[voice == name] = share / max((voice == name).sum(), 1)
     return weight / weight.sum()
+
+
+def phone_weights(phones: np.ndarray, balance: float) -> np.ndarray:
+    """Weight [P + 1] of a frame by its phone, mean 1 over `phones` [N] that are known: its share to
+    the power of -balance. Where the phone is not known, that of silence."""
+    count = np.bincount(phones[phones >= 0], minlength=len(PHONES))
+    weight = (count / max(count.sum(), 1) + LEAST) ** -balance
+    weight /= max((weight * count).sum(), 1e-9) / max(count.sum(), 1)
+    return np.append(weight, weight[0]).astype(np.float32)

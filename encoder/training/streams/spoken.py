@@ -73,7 +73,7 @@ class SpokenFrames:
 
     heard: np.ndarray  # [N, D] float16 audio features of the phonetic encoder
     own: np.ndarray  # [N, 256] float16, what the old chain shows
-    rig: np.ndarray  # [N, 53] float16, the truth
+    rig: np.ndarray  # [N, 55] float16, the truth: the rig, then the tongue's tip and back
     phones: np.ndarray  # [N] int8, -1 unknown
     voice: np.ndarray  # [N] str, the talker's, RULES or REST
     lengths: np.ndarray  # [C] int64 frames of the clips
@@ -83,7 +83,8 @@ def hear_pack(
     pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
-    path, recipe = pack / "spoken.npz", f"{recipe} {seed} {versions} {noises}"
+    path = pack / "spoken.npz"
+    recipe = f"{recipe} {seed} {versions} {noises} with tongue"
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
@@ -94,7 +95,7 @@ def hear_pack(
         torch.manual_seed(int(rng.integers(1 << 62)))
         heard, own = ears.hear(part.audio, part.gaze.reshape(-1, 6), rng)
         rows.append([
-            heard.astype(np.float16), own.astype(np.float16), part.rig.astype(np.float16),
+            heard.astype(np.float16), own.astype(np.float16), _with_tongue(part).astype(np.float16),
             part.phones.astype(np.int8), np.full(len(heard), voice), np.array([len(heard)]),
         ])  # fmt: skip
     spoken = SpokenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
@@ -123,9 +124,16 @@ def _parts(
         rng = np.random.default_rng([seed, len(clips) + index])
         sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
         gaze = np.tile(np.array(AHEAD, np.float32), (LONGEST, 1))
-        rig = np.zeros((LONGEST, clips[0].rig.shape[1]), np.float32)
+        rig, tongue = (np.zeros((LONGEST, n), np.float32) for n in (clips[0].rig.shape[1], 3))
         silent = np.zeros(LONGEST, np.int64)
-        yield Crop(audio=sound, clean=sound, rig=rig, gaze=gaze, phones=silent), REST, rng
+        yield Crop(sound, sound, rig, tongue, gaze, silent), REST, rng
+
+
+def _with_tongue(part: Crop) -> np.ndarray:
+    """[T, 55]. A tongue that is out is one whose tip is up: the face has nothing further."""
+    out, tip, back = part.tongue.T
+    tip = np.maximum(tip, np.minimum(2 * out, 1))
+    return np.concatenate([part.rig, np.stack([tip, back], 1)], 1)
 
 
 def _cropped(clip: Clip, crowd: Crowd, rng: np.random.Generator) -> Crop:

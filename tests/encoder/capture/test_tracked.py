@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from encoder.capture.motion.articulation import articulated, in_sync, opening
+from encoder.capture.motion.articulation import articulated, in_sync, opening, tongue
 from encoder.capture.motion.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
 from encoder.capture.motion.rules import frame_times
 from encoder.capture.motion.style import Style
@@ -27,6 +27,29 @@ def test_shut_lips_are_the_neutral_and_the_jaw_has_one_size():
     assert curves[..., RIG_INDEX["mouthPucker"]].max() < 0.01
     assert curves[..., JAW_OPEN].min() < 0.02
     assert np.quantile(curves[..., JAW_OPEN], 0.98) == pytest.approx(tracked.JAW_LOUD, rel=0.02)
+
+
+def test_lips_open_with_the_jaw_and_no_further_than_tracked():
+    rng = np.random.default_rng(0)
+    lower = [RIG_INDEX[f"mouthLowerDown_{side}"] for side in "LR"]
+    curves = np.zeros((2, 60, len(RIG_NAMES)), np.float32)
+    curves[..., JAW_OPEN] = 0.2 * rng.random((2, 60))
+    curves[..., lower] = 0.02 * rng.random((2, 60, 1))
+    moved = tracked.with_lips(curves)
+    np.testing.assert_allclose(opening(moved), opening(curves), atol=1e-5)
+    assert np.quantile(moved[..., lower], 0.9) > 5 * np.quantile(curves[..., lower], 0.9)
+    assert (moved[..., JAW_OPEN] >= tracked.JAW_LEAST * curves[..., JAW_OPEN] - 1e-6).all()
+
+
+def test_the_tongue_shows_for_th_and_rises_for_l():
+    said = [Phone("th", 0.4, 0.6), Phone("aa", 0.6, 0.9), Phone("l", 0.9, 1.1)]
+    moved, times = tongue(said, 45, Style()), frame_times(45)
+    at = {
+        phone.name: moved[np.abs(times - (phone.start + phone.end) / 2) < 0.04].max(0)
+        for phone in said
+    }
+    assert at["th"][0] > 0.4 > 0.1 > at["l"][0]
+    assert at["l"][1] > 0.7 > 0.4 > at["aa"][1]
 
 
 def test_labels_are_read_where_they_are_true():

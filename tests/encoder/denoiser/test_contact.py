@@ -35,6 +35,7 @@ def gaps(codes: torch.Tensor) -> torch.Tensor:  # one pair of lips, apart along 
 FACE = TrainingFace(
     lambda rig: rig @ TO_CODE, gaps, torch.ones(1), gaps,
     lambda codes: gaps(codes)[..., 0, 1:2], lambda codes: codes,
+    lambda codes: codes[..., :2],
 )  # fmt: skip
 
 

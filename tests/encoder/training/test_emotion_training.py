@@ -51,7 +51,10 @@ def face(channels: list[int]) -> TrainingFace:
         return vertices(codes)[..., :2, 1]
 
     weights = torch.ones(len(channels))
-    return TrainingFace(rig_to_code, vertices, weights, vertices, spans, lambda codes: codes)
+    return TrainingFace(
+        rig_to_code, vertices, weights, vertices, spans, lambda codes: codes,
+        lambda codes: codes[..., :2],
+    )  # fmt: skip
 
 
 SMILE = RIG_INDEX["mouthSmile_L"]

@@ -23,7 +23,7 @@ from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
-from encoder.training.streams.pieces import SpokenPieces, voice_weights
+from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError
 
@@ -107,6 +107,13 @@ def test_a_direct_path_that_hears_a_voice_and_learned_nothing_changes_nothing() 
     torch.nn.init.normal_(direct.read)
     torch.nn.init.constant_(direct.voice.bias, 50)
     torch.testing.assert_close(direct(x0, noise(2, 9, 7))[0], x0)
+
+
+def test_rare_phones_weigh_more_and_unknown_ones_as_silence() -> None:
+    weight = phone_weights(np.repeat([-1, 0, 1, 2], [50, 60, 30, 10]), 0.4)
+    assert weight[0] < weight[1] < weight[2] and weight[-1] == weight[0]
+    assert np.average(weight[:3], weights=[60, 30, 10]) == pytest.approx(1)
+    np.testing.assert_allclose(phone_weights(np.arange(3), 0.0), 1)
 
 
 def test_lips_are_wider_by_the_gain_and_as_far_open_as_before() -> None:

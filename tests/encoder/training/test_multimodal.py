@@ -41,6 +41,7 @@ def face() -> TrainingFace:
         lambda codes: (codes @ TO_VERTICES).unflatten(-1, (4, 3)),
         lambda codes: codes[..., :2],
         lambda codes: codes,
+        lambda codes: codes[..., :2],
     )
 
 

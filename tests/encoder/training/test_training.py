@@ -1,5 +1,6 @@
 """Training stages: debug presets run 2 steps and resume to 4, and each loss can reach one batch."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -97,6 +98,8 @@ def test_an_encoder_can_be_trained_on_but_not_one_of_another_kind(stages, pack, 
     audio.run(go_on)
     before, after = (load_encoder(p / "audio") for p in (stages, tmp_path))
     torch.testing.assert_close(before.project.weight, after.project.weight, atol=1e-3, rtol=1e-3)
+    first, then = (json.loads((p / "audio.json").read_text()) for p in (stages, tmp_path))
+    assert then["start"] == [{"sha256": first["sha256"], "steps": first["steps"]}]
     with pytest.raises(InputError, match="--start"):
         audio.run(replace(go_on, centred=True))
 
