@@ -48,7 +48,7 @@ class Train:
     steps: Number = None
     """Training steps, instead of the preset's."""
     face: Path = Path("face")
-    """prior: folder of the face data."""
+    """prior, landmarks: folder of the face data."""
     take: File = None
     """prior: a Live Link Face table: training uses its first part, the rest is held out."""
     data: Path = Path("data")
@@ -75,9 +75,11 @@ class Train:
             work = self.data / f"prior_{self.preset}"
             prior.run(self.face, out, self.preset, work, self.take, self.seed)
         elif self.stage == "landmarks":
-            from app.train.landmarks import make_table
+            from app.train.landmarks import make_shapes, make_table
 
             make_table(self.out)
+            if self.face.is_dir():
+                make_shapes(self.face, self.out)
         else:
             from app.train.stages import run_stage
 

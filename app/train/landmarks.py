@@ -1,6 +1,15 @@
-"""`livedrive train landmarks`: where the points of the detector of faces lie on the head."""
+"""`livedrive train landmarks`: where the points of the detector of faces lie on the head, and how
+people differ there."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from render.types import Doubles
+
+PEOPLE = 300  # as the decoder's training sees
 
 
 def make_table(out: Path | None) -> None:
@@ -17,4 +26,25 @@ def make_table(out: Path | None) -> None:
     path = out / places.PATH.name if out else places.PATH
     places.save(places.make(Maker(), detector, renderer, identity.shipped()), path)
     renderer.close()
+    print(f"wrote {path.resolve()}")
+
+
+def make_shapes(face: Path, out: Path | None) -> None:
+    """Draw people from the face data and write how their points differ."""
+    from render.avatars import registration
+    from render.avatars.alignment import similarity
+    from render.avatars.maker import Maker
+    from render.avatars.photos import places, point_shapes
+    from render.training.data import face_data, people
+
+    maker, table, data = Maker(), places.load(), face_data.load(face)
+    seen, _ = registration.visible(maker)
+    rest = maker.template.astype(np.float64)
+
+    def placed(seed: int) -> "Doubles":  # -> [N, 3]
+        head = people.neutral(data, people.draw(data, seed)).astype(np.float64)
+        return table.of(similarity(head[seen], rest[seen], scaled=False).place(head))
+
+    path = out / point_shapes.PATH.name if out else point_shapes.PATH
+    point_shapes.save(point_shapes.learn(map(placed, range(PEOPLE))), path)
     print(f"wrote {path.resolve()}")

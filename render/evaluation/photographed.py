@@ -37,7 +37,7 @@ from sensors import folders
 SIZE_PX = 1024
 LIGHTS = ("soft", "studio", "evening")
 YAWS = (0.0, 35.0, -35.0, 18.0, -18.0)  # degrees, of the photographs in order
-DISTANCES_MM = (320.0, 700.0)  # lenses as of 30 to 67 mm
+DISTANCES_MM, SCAN_MM = (320.0, 700.0), 500.0  # lenses as of 30 to 67 mm, 48 mm
 FRONTS: tuple[dict[str, float], ...] = (
     {},
     {"mouthSmile_L": 0.7, "mouthSmile_R": 0.7, "cheekSquint_L": 0.4, "cheekSquint_R": 0.4},
@@ -94,6 +94,20 @@ class PhotoStudio:
             shot = self.picture(who, light, yaw + float(rng.uniform(-4, 4)), pitch, distance, rig)
             photos.append(picture.seen(f"sitter {index}, {yaw:.0f}", shot, None, detector))
         return HeldOutSitter(geometry, skin, person.eye, who, lender, light, photos)
+
+    def scan(self, seed: int, detector: FaceDetector) -> tuple[Floats, list[Photo]]:
+        """A man's scan (LPS) in the identity shapes [V, 3], and its pictures: bald, with lashes."""
+        face, rng = self._assembly.face, np.random.default_rng(seed)
+        shares = np.load(face.folder / "ict_face.npz", allow_pickle=False)["ident_lps"]
+        geometry = face_data.geometry(face, shares)
+        skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
+        who = self.maker.identity("scan", geometry, skin, "brown")
+        who = replace(who, beard=lashes.grow(self.maker.posing, who.rest, self.maker.skin, 1.0))
+        photos = list[Photo]()
+        for yaw in YAWS:
+            shot = self.picture(who, LIGHTS[0], yaw, float(rng.uniform(-8, 8)), SCAN_MM)
+            photos.append(picture.seen(f"scan, {yaw:.0f}", shot, None, detector))
+        return geometry, photos
 
     def picture(
         self,

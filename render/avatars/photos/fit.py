@@ -12,7 +12,7 @@ import numpy as np
 from render.avatars.alignment import rotation
 from render.avatars.maker import Maker
 from render.avatars.photos.places import PointPlaces
-from render.avatars.photos.shapes import HeadShapes
+from render.avatars.photos.point_shapes import PointShapes
 from render.types import Doubles, Ints
 
 LENS_MM, LENS_SPREAD = 45.0, 0.35  # as of a 35 mm film, where it is not told; logarithmic spread
@@ -26,8 +26,9 @@ FACING = 0.15  # least cosine to the viewer of a point that counts
 ALONE, TOGETHER = 12, 30  # rounds: poses alone, everything
 DAMPING = 1e-3
 MOST_TURN = 0.3  # rad, of one round; and of the lens, logarithmic
-# Weight of what is likely: the points of a face err together, so that each tells less than alone.
-PRIOR = 8.0
+# Weight of what is likely, for each photograph: the points of a face err together, and alike in all
+# photographs of it, so that each tells less than alone.
+PRIOR = 4.0
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class PhotoCamera:
 class FaceFit:
     """The face at rest, and the photographs."""
 
-    shares: Doubles  # [K] of the modes, in deviations
+    points: Doubles  # [468, 3] mm: where the places are
     shots: list[PhotoCamera]
     left_mm: float  # mean distance of the points that count from where they should be
 
@@ -68,11 +69,11 @@ class FaceFit:
 def fit(
     maker: Maker,
     places: PointPlaces,
-    shapes: HeadShapes,
+    shapes: PointShapes,
     views: list[PhotoView],
     prior: float = PRIOR,
 ) -> FaceFit:
-    """What the views tell together; `prior`: less where points are exact."""
+    """What the views tell together; `prior`: see PRIOR, less where points are exact."""
     model = _Model.of(maker, places, shapes)
     num_rig = maker.posing.basis.shape[1]  # pyright: ignore[reportGeneralTypeIssues] (stub: may be None)
     shots = [_start(shapes.at, view, num_rig) for view in views]
@@ -81,10 +82,11 @@ def fit(
         alone = step < ALONE
         size, each = (0, 7) if alone else (len(shares), 7 + len(model.columns))
         total = size + each * len(views)
-        system, aim = prior * np.eye(total), np.zeros(total)
-        aim[:size] = -prior * shares[:size]
+        likely = prior * len(views)
+        system, aim = likely * np.eye(total), np.zeros(total)
+        aim[:size] = -likely * shares[:size]
         system[size:, size:] = 0
-        still, gaps = shapes.at + np.tensordot(shares, shapes.modes, 1), []
+        still, gaps = shapes.of(shares), []
         for k, (view, shot) in enumerate(zip(views, shots, strict=True)):
             design, gap, weight = _linear(model, view, shot, still, alone)
             own = size + k * each + np.arange(each)
@@ -105,7 +107,7 @@ def fit(
             shot.offset = shot.offset + own[3:6]
             shot.focal_px *= float(np.exp(own[6].clip(-MOST_TURN, MOST_TURN)))
             shot.expression[model.columns[: each - 7]] += own[7:]
-    return FaceFit(shares, shots, float(np.concatenate(gaps).mean()))
+    return FaceFit(shapes.of(shares), shots, float(np.concatenate(gaps).mean()))
 
 
 @dataclass(frozen=True)
@@ -119,9 +121,9 @@ class _Model:
     sigma: Doubles  # [468] mm
 
     @classmethod
-    def of(cls, maker: Maker, places: PointPlaces, shapes: HeadShapes) -> "_Model":
+    def of(cls, maker: Maker, places: PointPlaces, shapes: PointShapes) -> "_Model":
         rig, columns = expressions(maker, places)
-        normals = maker.normals(shapes.mean.astype(np.float32)).astype(np.float64)
+        normals = maker.normals(maker.template).astype(np.float64)
         sigma = np.sqrt(places.spread_mm + NOISE_MM**2).astype(np.float64)
         return cls(shapes.modes, rig, columns, places.of(normals), sigma)
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from render.avatars.maker import Maker
-from render.avatars.photos import fit, places, shapes, skin
+from render.avatars.photos import fit, places, point_shapes, shapes, skin
 from render.avatars.photos.picture import Photo
 from render.avatars.registration import Progress
 from render.types import Floats
@@ -24,13 +24,13 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
     table = places.load()
     known = shapes.build(maker, table)
     progress("shape", 0.2)
-    found = fit.fit(maker, table, known, [photo.view for photo in photos])
+    found = fit.fit(maker, table, point_shapes.load(), [photo.view for photo in photos])
     if not found.left_mm < MOST_LEFT_MM:
         raise InputError(
             f"--photos: expected photographs of one face, got points {found.left_mm:.1f} mm away "
             f"from any; leave out, one after the other, {', '.join(p.name for p in photos)}"[:500]
         )
-    geometry = known.head(found.shares).astype("f4")
+    geometry = known.through(found.points).astype("f4")
     progress("skin", 0.4)
     painted = skin.paint(maker, table, photos, found, geometry)
     progress("skin", 1.0)

@@ -1,4 +1,4 @@
-"""What heads look like, from the shipped people alone: each part of a face is a blend of theirs.
+"""The head around the places of a face: each part is a blend of the shipped people.
 
 A Gaussian process over the surface. Its covariance is that of the shipped people and their mirror
 images, damped with the distance of two places (covariance localisation): a chin need not come
@@ -15,6 +15,7 @@ from scipy.spatial import KDTree
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.avatars.photos.places import PointPlaces
+from render.avatars.photos.point_shapes import PointShapes
 from render.avatars.registration import ATTACHED, SKIN_VERTICES, attached, visible
 from render.decoder import identity
 from render.types import Doubles, Ints
@@ -23,6 +24,7 @@ REACH_MM = 80.0  # over which parts of a face belong together
 SPREAD = 1.3  # how much more people differ than the shipped ones
 MODES = 120
 LEAST = 1e-5  # of the largest variance
+EXACT_MM = 0.3  # how near `through` comes to places that are told
 
 
 @dataclass(frozen=True)
@@ -32,17 +34,22 @@ class HeadShapes:
     mean: Doubles  # [V, 3]
     heads: Doubles  # [P, V, 3] how people differ from it
     anchors: Doubles  # [V, 3] where each vertex is for blending: parts move as one
-    at: Doubles  # [N, 3] the places
-    modes: Doubles  # [K, N, 3] at the places
+    points: PointShapes  # at the places
     weights: Doubles  # [K, P, N] shares of the people at the places, for one deviation
 
     def head(self, shares: Doubles) -> Doubles:  # [K] -> [V, 3]
         blend = np.tensordot(shares, self.weights, 1)  # [P, N]
         return self.mean + np.einsum("vp,pvi->vi", self._near @ blend.T, self.heads)
 
+    def through(self, points: Doubles) -> Doubles:  # [N, 3] mm -> [V, 3] mm
+        """The likeliest head that has these places."""
+        modes = self.points.modes.reshape(len(self.points.modes), -1) / EXACT_MM
+        off = (points - self.points.at).ravel() / EXACT_MM
+        return self.head(np.linalg.solve(modes @ modes.T + np.eye(len(modes)), modes @ off))
+
     @cached_property
     def _near(self) -> Doubles:  # [V, N]
-        return near(self.anchors, self.at)
+        return near(self.anchors, self.points.at)
 
 
 def near(a: Doubles, b: Doubles) -> Doubles:  # [n, 3], [m, 3] -> [n, m] 0..1
@@ -77,8 +84,7 @@ def build(maker: Maker, places: PointPlaces, left_out: tuple[str, ...] = ()) -> 
         mean=mean,
         heads=heads,
         anchors=_anchors(maker, mean),
-        at=at,
-        modes=axes * deviations[:, None, None],
+        points=PointShapes(at, axes * deviations[:, None, None]),
         weights=weights / deviations[:, None, None],
     )
 

@@ -12,7 +12,7 @@ from render import cameras
 from render.avatars import registration
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import detector, fit, picture, places, shapes, skin, whites
+from render.avatars.photos import detector, fit, picture, places, point_shapes, shapes, skin, whites
 from render.lighting import developed
 from render.types import AHEAD, Doubles
 from sensors.types import InputError
@@ -58,11 +58,12 @@ def test_a_known_face_is_found_from_its_points(
 ) -> None:
     """Points without noise, a smile in front, no lens told: the face at rest, lens and smile."""
     table, people = known
-    shares = np.random.default_rng(3).standard_normal(len(people.modes)) * 0.8
+    shares = np.random.default_rng(3).standard_normal(len(people.points.modes)) * 0.8
     truth = people.head(shares)
     shots = [shot(maker, table, truth, yaw, SMILE if yaw == 0 else {}) for yaw in yaws]
-    found = fit.fit(maker, table, people, [view for view, _ in shots], prior=1.0)
-    made, mean = people.head(found.shares), people.mean
+    views = [view for view, _ in shots]
+    found = fit.fit(maker, table, people.points, views, prior=1 / len(views))
+    made, mean = people.through(found.points), people.mean
     start, off = (errors_mm(maker, head, truth, scaled=True).mean() for head in (mean, made))
     assert start > 2.0
     assert off < (0.6 if len(yaws) == 3 else 1.1)
@@ -70,6 +71,36 @@ def test_a_known_face_is_found_from_its_points(
     assert abs(found.shots[0].focal_px / shots[0][1] - 1) < (0.05 if len(yaws) == 3 else 0.25)
     seen = found.shots[0].expression[maker.rig_names.index("mouthSmile_L")]
     assert 0.4 < seen < 0.9
+
+
+def test_a_head_goes_through_places_that_are_told(
+    maker: Maker, known: tuple[places.PointPlaces, shapes.HeadShapes]
+) -> None:
+    """Of people whom nothing was made from, drawn from the table of how people differ."""
+    table, people = known
+    differ = point_shapes.load()
+    for seed in range(3):
+        shares = np.random.default_rng(seed).standard_normal(len(differ.modes))
+        told = differ.of(shares)
+        head = people.through(told)
+        off = np.linalg.norm(table.of(head) - told, axis=1)
+        away = np.linalg.norm(people.points.at - told, axis=1)
+        assert off.mean() < 0.8 and off.mean() < 0.3 * away.mean()
+
+
+def test_how_people_differ_is_learned_and_kept(tmp_path: Path) -> None:
+    rng = np.random.default_rng(0)
+    modes = rng.standard_normal((2, 468, 3)) * np.array([5.0, 2.0])[:, None, None]
+    at = rng.standard_normal((468, 3)) * 50
+    drawn = at + np.tensordot(rng.standard_normal((400, 2)), modes, 1)
+    learned = point_shapes.learn(drawn)
+    point_shapes.save(learned, tmp_path / "shapes.npz")
+    kept = np.load(tmp_path / "shapes.npz")
+    assert np.abs(kept["at"] - at).mean() < 0.4
+    length = np.linalg.norm(learned.modes.reshape(len(learned.modes), -1), axis=1)
+    expected = np.linalg.norm(modes.reshape(2, -1), axis=1)
+    np.testing.assert_allclose(length[:2], expected, rtol=0.1)
+    assert length[2] < 1e-6 * length[0]
 
 
 def test_the_table_puts_points_where_their_names_are(maker: Maker) -> None:
