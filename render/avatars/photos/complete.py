@@ -14,7 +14,8 @@ EXPOSURE = 0.55  # linear light on a white face in a photograph as people take t
 KNOWN = 0.25  # weight at which a place is known
 MIRROR_MM = 4.0
 PLAIN = "hugo"  # who has no hair on the scalp; his is a beard
-ABOVE_MM, BEHIND_MM, NAPE_MM = 8.0, 25.0, -60.0  # the scalp: above brows; behind and not below
+# The scalp, from not at all to fully: above brows; behind, and not below.
+ABOVE_MM, BEHIND_MM, NAPE_MM = (4.0, 34.0), (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
@@ -31,9 +32,14 @@ def typical(maker: Maker) -> Doubles:  # [T, 3]
     bald = ratios[identity.shipped().index(PLAIN)]
     brows = float(maker.template[maker.regions["brows"], 1].max())
     _, up, ahead = (maker.surface.interpolate @ maker.template[maker.surface.used]).T
-    scalp = (up > brows + ABOVE_MM) | ((ahead < BEHIND_MM) & (up > NAPE_MM))
-    ratio = np.where(scalp[:, None], bald, ratio)
+    behind = ramp(ahead, *BEHIND_MM) * ramp(up, *NAPE_MM)
+    scalp = np.maximum(ramp(up - brows, *ABOVE_MM), behind)[:, None]
+    ratio = scalp * bald + (1 - scalp) * ratio
     return scan_texture.over_atlas(maker, ratio.astype(np.float32)).astype(np.float64)
+
+
+def ramp(values: Doubles, start: float, end: float) -> Doubles:  # [n] -> [n] 0..1
+    return np.clip((values - start) / (end - start), 0, 1)
 
 
 def complete(

@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 
 from render.avatars.maker import Maker
+from render.avatars.photos.complete import NAPE_MM, ramp
 from render.decoder import mesh_parts
 from render.decoder.identity import Identity
 from render.lighting import LUMINANCE
 from render.types import Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
-SCALP_MM, BACK_MM = (60.0, 78.0), (5.0, 20.0)  # above, or behind, are roots
-NAPE_MM = -60.0  # not below
+SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
 
 
 def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
@@ -32,7 +32,6 @@ def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1
     tone = float(np.median(light[maker.face]))
     dark = np.clip((ROOTS[0] - light / tone) / (ROOTS[0] - ROOTS[1]), 0, 1)
     _, up, ahead = (head.interpolate @ maker.template[head.used]).T
-    above = np.clip((up - SCALP_MM[0]) / (SCALP_MM[1] - SCALP_MM[0]), 0, 1)
-    behind = np.clip((BACK_MM[1] - ahead) / (BACK_MM[1] - BACK_MM[0]), 0, 1) * (up > NAPE_MM)
-    hairy = np.maximum(above, behind)
+    behind = ramp(ahead, *BACK_MM) * ramp(up, *NAPE_MM)
+    hairy = np.maximum(ramp(up, *SCALP_MM), behind)
     return (dark * hairy * (maker.anchor_kinds == mesh_parts.SKIN)).astype(np.float32)

@@ -45,7 +45,8 @@ class HeadShapes:
         """The likeliest head that has these places."""
         modes = self.points.modes.reshape(len(self.points.modes), -1) / EXACT_MM
         off = (points - self.points.at).ravel() / EXACT_MM
-        return self.head(np.linalg.solve(modes @ modes.T + np.eye(len(modes)), modes @ off))
+        shares = np.linalg.solve(modes @ modes.T + np.eye(len(modes)), modes @ off)
+        return self.head(shares.astype(np.float64))
 
     @cached_property
     def _near(self) -> Doubles:  # [V, N]

@@ -30,10 +30,11 @@ BEHIND_MM = 6.0  # of what is in front: not seen
 SLANT = (0.15, 0.5)  # cosines to the viewer: from not at all to fully
 SHARPEST = 8.0  # power of the weights: who sees best decides
 OPENING_PX = 2.0  # around eyes and mouth, what is in them
-FEATHER = 0.03  # share of the face's width over which its outline fades
+FEATHER = 0.05  # share of the face's width over which it fades towards its outline, beside hair
 MOST_BEND = 0.06  # of the face's width
 FACING = 0.3  # least cosine to the viewer of a point that bends a photograph
 DARK_LIGHT, BRIGHT_LIGHT = 0.35, 2.2  # limits of light on a place, of the mean
+TINY = 1e-9
 HUES = 0.35  # deviation of the logarithm from the skin's tone at which a place counts half
 
 
@@ -65,10 +66,15 @@ def paint(
     lit, edge = [unlit(one, tone) for one in seen], _edge(maker, at)
     clean = [w.weight * (1 - edge * _unlike(c, tone)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
-    shares = [weight**SHARPEST for weight in clean]
-    merged = sum((s[:, None] * c for s, c in zip(shares, lit, strict=True)), np.zeros_like(at))
-    merged /= (sum(shares, np.zeros(len(at))) + 1e-9)[:, None]
-    return complete.complete(merged, total, at, complete.typical(maker) * tone)
+    return complete.complete(merge(lit, clean), total, at, complete.typical(maker) * tone)
+
+
+def merge(colors: list[Doubles], weights: list[Doubles]) -> Doubles:  # K of [T, 3], [T] -> [T, 3]
+    """Who sees a place best decides; one that is hardly seen at all has the colour seen there."""
+    best = np.max(weights, axis=0) + TINY
+    shares = [(weight / best) ** SHARPEST for weight in weights]
+    out = np.sum([s[:, None] * c for s, c in zip(shares, colors, strict=True)], 0)
+    return out / (np.sum(shares, 0) + TINY)[:, None]
 
 
 def project(
@@ -134,7 +140,7 @@ def _in_front(
 
 
 def _mask(photo: Photo) -> Doubles:  # [H, W] 0..1
-    """Where the photograph shows the face's skin: not in eyes or mouth, nor far beyond the face."""
+    """Where the photograph shows the face's skin: not in eyes or mouth, nor at the face's edge."""
     from PIL import ImageDraw
 
     height, width = photo.picture.shape[:2]
@@ -145,8 +151,7 @@ def _mask(photo: Photo) -> Doubles:  # [H, W] 0..1
         return np.asarray(image) > 0
 
     face, span = filled(OVAL), float(np.ptp(photo.points[list(OVAL), 0]))
-    beyond = np.asarray(distance_transform_edt(~face)) / span
-    out = np.clip(1 - beyond / FEATHER, 0, 1)
+    out = np.clip(np.asarray(distance_transform_edt(face)) / span / FEATHER, 0, 1)
     for which in (LEFT_EYE, RIGHT_EYE, MOUTH):
         hole = filled(which)
         if hole.any():

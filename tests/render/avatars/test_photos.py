@@ -143,6 +143,15 @@ def test_light_is_taken_off() -> None:
     np.testing.assert_allclose(out.mean(0), tone * 0.5, rtol=0.06)
 
 
+def test_a_place_that_is_hardly_seen_has_the_colour_seen_there() -> None:
+    """It was darkened: a dashed line across the forehead, where photographs fade out."""
+    light, dark = np.full((3, 3), 0.6), np.full((3, 3), 0.2)
+    weights = [np.array([0.04, 0.9, 0.0]), np.array([0.01, 0.2, 0.0])]
+    merged = skin.merge([light, dark], weights)
+    np.testing.assert_allclose(merged[:2], 0.6, atol=0.001)
+    np.testing.assert_array_equal(merged[2], 0)
+
+
 def test_the_whites_of_the_eyes_tell_the_colour_of_the_light() -> None:
     """A drawn eye in orange light; a shut one tells nothing."""
     points = np.zeros((detector.POINTS, 2))
