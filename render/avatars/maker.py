@@ -116,17 +116,15 @@ class Maker:
         face then as sharp as the texture."""
         if isinstance(eye, str) and eye not in self.eyes:
             raise InputError(f"eye: expected one of {', '.join(self.eyes)}, got {eye!r}")
-        t = self._t
+        t, on_eye = self._t, self.anchor_kinds == mesh_parts.EYE
         picture = np.ones((8, 8, 3), np.float32) if isinstance(eye, str) else eye
         plain = t["anchor_plain"].astype(np.float32) / np.float32(255)
         levels = textures.levels(t["anchor_kinds"], t["anchor_uv"], plain, skin, picture)
         albedo = np.einsum("nl,nlc->nc", t["anchor_mixing"].astype(np.float32), levels)
         if isinstance(eye, str):
-            on_eye = t["anchor_kinds"] == mesh_parts.EYE
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
         albedo, (_, of, of_eyes) = np.clip(albedo, 0, 1), self._shown["65k"]
         if not isinstance(eye, str):
-            on_eye = t["anchor_kinds"] == mesh_parts.EYE
             wanted = textures.sample(textures.soft(picture, detail.EYE_BLUR), of_eyes.uv)
             bounds = textures.bounds(picture, t["anchor_uv"][on_eye], detail.EYE_REACH)
             albedo = detail.repainted(albedo, on_eye, of_eyes, wanted, bounds)
@@ -145,7 +143,7 @@ class Maker:
         from scipy.spatial import KDTree
 
         out: dict[Density, Floats] = {}
-        eye, seen = self._t["anchor_kinds"] == mesh_parts.EYE, self._shown["65k"].eyes
+        eye, seen = self.anchor_kinds == mesh_parts.EYE, self._shown["65k"].eyes
         known, shown = KDTree(seen.uv), seen.shares @ albedo
         for preset in detail.THINNER:
             shares, of, of_eyes = self._shown[preset]

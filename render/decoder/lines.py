@@ -65,12 +65,15 @@ class Line:
 
     def opening(self, vertices: Floats, points: Floats) -> Floats:  # [V, 3], [P, 3] -> [S, 3] mm
         """Heights of the upper and the lower edge at places across the points: x, both heights."""
-        across = np.linspace(points[:, 0].min(), points[:, 0].max(), posing_kernels.STATIONS)
-        rows = [
-            (x, *(posing_kernels.height_at(vertices, side, x) for side in (self.upper, self.lower)))
-            for x in across.astype(np.float32)
-        ]
-        return np.array(rows, np.float32)
+        left, right = points[:, 0].min(), points[:, 0].max()
+        across, step = np.linspace(
+            left, right, posing_kernels.STATIONS, retstep=True, dtype=np.float32
+        )
+        sides = (
+            posing_kernels.heights_from(vertices, side, np.float32(left), np.float32(step))
+            for side in (self.upper, self.lower)
+        )
+        return np.stack([across, *sides], 1)
 
     def tint_covered(
         self,

@@ -40,7 +40,7 @@ def tensors(
     inside = np.isin(
         face.faces[anchors.triangles], np.concatenate([face.regions[r] for r in INTERIOR])
     ).all(1)
-    basis, kinds = pose.basis, assembly.kinds[anchors.triangles]
+    basis, kinds, at = pose.basis, assembly.kinds[anchors.triangles], uv(assembly, anchors)
     out: dict[str, Any] = {
         "basis_values": basis.data.astype(np.float16),
         "basis_columns": basis.indices.astype(np.uint8),
@@ -58,11 +58,9 @@ def tensors(
         "anchor_roughness": np.rint(fitted.roughness * 255).astype(np.uint8),
         "anchor_inside": inside,
         "anchor_kinds": kinds.astype(np.uint8),
-        "anchor_uv": uv(assembly, anchors),
+        "anchor_uv": at,
         "anchor_plain": np.rint(plain(assembly, anchors) * 255).astype(np.uint8),
-        "anchor_wrinkles": wrinkled(
-            folds, uv(assembly, anchors), assembly.kinds[anchors.triangles]
-        ),
+        "anchor_wrinkles": wrinkled(folds, at, kinds),
         "vertex_colors": np.rint(assembly.colors[used] * 255).astype(np.uint8),
         "vertex_uv": assembly.vertex_uv[used],
         "places": assembly.places[used],

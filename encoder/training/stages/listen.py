@@ -194,16 +194,8 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     )
     finish(listener, config)
     names = (
-        "share",
-        "gain",
-        "width_gain",
-        "balance",
-        "rules",
-        "rest",
-        "versions",
-        "noises",
-        "steps",
-    )
+        "share", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises", "steps",
+    )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}
     places = chain.ChainPaths(config.pack, config.phones, config.pair, config.output)

@@ -15,7 +15,7 @@ from encoder.capture.speech.handling import HANDLING
 Noise = Callable[[int, np.random.Generator], np.ndarray]  # [n] of about unit RMS
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Crop:
     audio: np.ndarray  # [800 T] float32, what the network hears
     clean: np.ndarray  # [800 T] float32, before noise and microphone

@@ -77,6 +77,7 @@ def phone_weights(phones: np.ndarray, balance: float) -> np.ndarray:
     """Weight [P + 1] of a frame by its phone, mean 1 over `phones` [N] that are known: its share to
     the power of -balance. Where the phone is not known, that of silence."""
     count = np.bincount(phones[phones >= 0], minlength=len(PHONES))
-    weight = (count / max(count.sum(), 1) + LEAST) ** -balance
-    weight /= max((weight * count).sum(), 1e-9) / max(count.sum(), 1)
+    share = count / max(count.sum(), 1)
+    weight = (share + LEAST) ** -balance
+    weight /= max((weight * share).sum(), 1e-9)
     return np.append(weight, weight[0]).astype(np.float32)

@@ -126,7 +126,8 @@ def _parts(
         gaze = np.tile(np.array(AHEAD, np.float32), (LONGEST, 1))
         rig, tongue = (np.zeros((LONGEST, n), np.float32) for n in (clips[0].rig.shape[1], 3))
         silent = np.zeros(LONGEST, np.int64)
-        yield Crop(sound, sound, rig, tongue, gaze, silent), REST, rng
+        part = Crop(audio=sound, clean=sound, rig=rig, tongue=tongue, gaze=gaze, phones=silent)
+        yield part, REST, rng
 
 
 def _with_tongue(part: Crop) -> np.ndarray:
