@@ -98,7 +98,7 @@ class Renderer(Protocol):
 
     @property
     def name(self) -> str:
-        """What draws, for reports, e.g. "tiles on llvmpipe (...)"."""
+        """What draws, for reports, e.g. "quads on llvmpipe (...)"."""
         ...
 
     @property

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     import moderngl
 
 BACKENDS = ("auto", "egl", "osmesa", "system", "window")
-VERSIONS = (430, 330)  # asked for in this order: with compute shaders, without (macOS: 4.1)
+VERSION = 330  # of OpenGL and of the shaders; macOS has 4.1
 SOFTWARE_NAMES = ("llvmpipe", "softpipe", "swrast", "swr")
 
 DRIVER = "install the driver of the graphics card"
@@ -45,11 +45,6 @@ class GLContext:
     def renderer(self) -> str:
         """The driver's own name, e.g. "llvmpipe (LLVM 15.0.6, 256 bits)"."""
         return str(self.gl.info["GL_RENDERER"])
-
-    @property
-    def compute(self) -> bool:
-        """True if there are compute shaders."""
-        return self.gl.version_code >= VERSIONS[0]
 
     @property
     def software(self) -> bool:
@@ -152,14 +147,11 @@ def _standalone(backend: str, what: str, settings: dict[str, Any]) -> GLContext:
     """A context without a window of ours, with the settings of moderngl."""
     import moderngl
 
-    problem: object = None
-    for version in VERSIONS:
-        try:
-            gl = moderngl.create_standalone_context(require=version, **settings)
-            return GLContext(gl, backend)
-        except Exception as error:  # moderngl raises bare Exception for every failure
-            problem = error
-    raise _missing(backend, what, problem)
+    try:
+        gl = moderngl.create_standalone_context(require=VERSION, **settings)
+    except Exception as error:  # moderngl raises bare Exception for every failure
+        raise _missing(backend, what, error) from error
+    return GLContext(gl, backend)
 
 
 def _create_osmesa() -> GLContext:
@@ -199,10 +191,9 @@ def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> 
             for hint, value in hints.items():
                 glfw.window_hint(hint, value)
             glfw.window_hint(glfw.OPENGL_PROFILE, glfw.OPENGL_CORE_PROFILE)
-            for version in VERSIONS:
-                glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, version // 100)
-                glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, version // 10 % 10)
-                window = window or glfw.create_window(*size, "livedrive", None, None)
+            glfw.window_hint(glfw.CONTEXT_VERSION_MAJOR, VERSION // 100)
+            glfw.window_hint(glfw.CONTEXT_VERSION_MINOR, VERSION // 10 % 10)
+            window = glfw.create_window(*size, "livedrive", None, None)
         if not window:
             message = glfw.get_error()[1] or b"no window"
             text = message.decode() if isinstance(message, bytes) else message
@@ -210,7 +201,7 @@ def _create_glfw(backend: str, hints: dict[int, int], size: tuple[int, int]) -> 
                 text += " (without a screen, start the command under xvfb-run)"
             raise _missing(backend, f"glfw {backend}", text)
         glfw.make_context_current(window)
-        gl = moderngl.create_context(require=VERSIONS[-1], context=_GlfwLoader(window))  # pyright: ignore[reportArgumentType] (stub is wrong)
+        gl = moderngl.create_context(require=VERSION, context=_GlfwLoader(window))  # pyright: ignore[reportArgumentType] (stub is wrong)
     except InputError:
         glfw.terminate()
         raise

@@ -1,4 +1,4 @@
-"""Gaussians -> packed splats in depth order, and the tiles they reach: the first half of a draw."""
+"""Gaussians -> splats in depth order, and the tiles they reach: the first half of a draw."""
 
 from dataclasses import replace
 
@@ -31,7 +31,7 @@ class Projector:
     def run(self, gaussians: Gaussians, camera: Camera) -> U32:
         """Project; returns the indices [M] of the visible splats, nearest first."""
         gaussians.check()
-        if len(gaussians) != len(self.splats):
+        if len(gaussians) != len(self.boxes):
             self._reserve(len(gaussians))
         seen = replace(gaussians, colors=colors_from(gaussians, camera.position), shine=None)
         means, quats, scales, opacities, colors = (
@@ -51,12 +51,22 @@ class Projector:
         )
         kernels.invert(var_x, var_y, cov, p, q, r)
         kernels.bound(x, y, var_x, var_y, log2_opacity, across, down, half_y, boxes)
-        bits_p, bits_q, bits_r = (factor.view(np.int32) for factor in (p, q, r))
-        splats = self.splats.reshape(-1)
-        kernels.pack(x, y, bits_p, bits_q, bits_r, log2_opacity, colors, splats)
         self._across, near = int(across), np.float32(camera.near_mm)
         kernels.cull(means, quats, scales, opacities, faded, colors, boxes, near, depths)
+        self._colors = colors
         return self._order.of(depths)
+
+    def packed(self) -> U32:  # [N, 4]
+        """The splats of the last run for a GPU, see shaders/splat.glsl."""
+        x, y, p, q, r, log2_opacity, _ = self._ellipses
+        bits_p, bits_q, bits_r = (factor.view(np.int32) for factor in (p, q, r))
+        out = np.empty((len(x), 4), np.uint32)
+        kernels.pack(x, y, bits_p, bits_q, bits_r, log2_opacity, self._colors, out.reshape(-1))
+        return out
+
+    def rows(self, out: Floats) -> None:  # -> [N, 9 and more]
+        """The splats of the last run for a CPU, see kernels.interleave."""
+        kernels.interleave(self._ellipses[:6].reshape(-1), self._colors, out)
 
     def reached_tiles(self) -> Reaches:
         """The tiles that the splats of the last run reach."""
@@ -71,10 +81,10 @@ class Projector:
         return Reaches(self._reaches, self._further)
 
     def _reserve(self, count: int) -> None:
-        self.splats = np.zeros((count, 4), np.uint32)  # packed, see shaders/splat.glsl
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
         self._ellipses = np.zeros((7, count), np.float32)
         self._work = np.zeros((6, count), np.float32)
+        self._colors = np.zeros(3 * count, np.float32)  # as seen from the camera
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
         self._reaches = np.zeros(count, np.uint64)
         self._rows, self._further = np.zeros((2, count), np.uint32)

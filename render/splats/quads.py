@@ -1,9 +1,10 @@
-"""Splat renderer for GPUs and for OpenGL before 4.3: one instanced quad a Gaussian.
+"""Splat renderer for GPUs: one instanced quad a Gaussian.
 
 Draws the splats of the same projection as render/splats/tiles.py, blended back to front,
 premultiplied, in RGBA16F: 8-bit blending loses 10 dB and more. Needs OpenGL 3.3 only.
 """
 
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,11 +12,12 @@ from numpy.typing import NDArray
 
 from render.gl.contexts import GLContext
 from render.splats.projector import Projector
-from render.splats.storage import SHADERS, splat_shader
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:
     import moderngl
+
+SHADERS = Path(__file__).parents[1] / "shaders"
 
 
 class QuadRenderer:
@@ -25,9 +27,12 @@ class QuadRenderer:
         context.activate()
         self._context, gl = context, context.gl
         self._projector = Projector()
+        unpack, vertex, fragment = (
+            (SHADERS / name).read_text()
+            for name in ("splat.glsl", "quads.vert.glsl", "quads.frag.glsl")
+        )
         self._program = gl.program(
-            vertex_shader=splat_shader("quads.vert.glsl", version=330),
-            fragment_shader=(SHADERS / "quads.frag.glsl").read_text(),
+            vertex_shader=f"#version 330\n{unpack}\n{vertex}", fragment_shader=fragment
         )
         self._instances, self._quad = self._room(0)
         self._target = gl.framebuffer([gl.texture((1, 1), 4, dtype="f2")])
@@ -46,7 +51,7 @@ class QuadRenderer:
             return
         gl.enable_only(gl.BLEND)
         gl.blend_func = gl.ONE, gl.ONE_MINUS_SRC_ALPHA
-        splats = self._projector.splats[order[::-1]]
+        splats = self._projector.packed()[order[::-1]]
         if splats.nbytes > self._instances.size:
             self._quad.release()
             self._instances.release()

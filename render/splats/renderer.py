@@ -16,8 +16,8 @@ METHODS = ("auto", "tiles", "quads", "reference")
 def create_renderer(backend: str = "auto", method: str = "auto") -> Renderer:
     """Open a renderer that owns its GL context.
 
-    "auto" takes compute tiles where the CPU draws and has OpenGL 4.3, and instanced quads on a GPU
-    and before 4.3; "reference" is the slow numpy oracle and needs no GL at all.
+    "auto" takes instanced quads on a GPU and, where the CPU would draw these, compiled loops over
+    tiles; "reference" is the slow numpy oracle and needs no GL at all.
     """
     if method not in METHODS:
         raise InputError(
@@ -71,12 +71,7 @@ class SteadyRenderer:
 
 def wrap_context(context: GLContext, method: str = "auto") -> Renderer:
     """A renderer on a context that is already open; closing it closes the context."""
-    if method == "tiles" and not context.compute:
-        raise InputError(
-            f"render method tiles: expected OpenGL 4.3, got {context.gl.version_code / 100:.1f} of "
-            f"{context.renderer}; use auto or quads"
-        )
-    if method == "tiles" or (method == "auto" and context.software and context.compute):
+    if method == "tiles" or (method == "auto" and context.software):
         from render.splats.tiles import TileRenderer
 
         return TileRenderer(context)

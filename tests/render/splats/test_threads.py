@@ -1,0 +1,47 @@
+"""Threads that share a picture: every part once, errors handed on, the same picture by one."""
+
+import threading
+
+import numpy as np
+import pytest
+from scenes import head_scene
+
+from render.cameras import portrait
+from render.splats.threads import Threads
+
+
+def test_every_part_is_done_once_whoever_does_it():
+    threads, done = Threads(), np.zeros(64, int)
+
+    def work(part: int) -> None:
+        done[part] += 1
+
+    threads.share(work, 64)
+    threads.share(work, 3)
+    assert (done == 1 + (np.arange(64) < 3)).all()
+    threads.close()
+    threads.close()
+
+
+def test_an_error_is_handed_on_and_nobody_is_left_at_work():
+    threads, others = Threads(), set()
+
+    def work(part: int) -> None:
+        others.add(threading.current_thread().name)
+        raise ValueError(part)
+
+    for _ in range(3):
+        with pytest.raises(ValueError, match=r"\d"):
+            threads.share(work, 16)
+    threads.close()
+    alive = {thread.name for thread in threading.enumerate()}
+    assert not (others - {"MainThread"}) & alive
+
+
+def test_one_thread_draws_what_all_draw(tiles, monkeypatch):
+    scene, camera = head_scene(2000), portrait(203, 131, yaw_deg=20.0)
+    tiles.draw(scene, camera)
+    picture = tiles.read_rgba().copy()
+    monkeypatch.setattr(tiles._threads, "count", 1)
+    tiles.draw(scene, camera)
+    assert (tiles.read_rgba() == picture).all()
