@@ -156,8 +156,8 @@ def fetch(typing_context, splats, row):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
 def blend_tiles(
     tiles: NDArray[np.int64],  # [n] of the picture
-    starts: U32,  # [tiles + 2] see tile_pairs.Pairs
-    pairs: U32,
+    starts: tuple[U32, ...],  # [tiles + 2] of each portion, nearest first, see tile_pairs.Pairs
+    pairs: tuple[U32, ...],
     splats: Floats,  # [N, NUMBERS]
     background: Floats,  # [3]
     picture: NDArray[np.int32],  # -> [H, W] bytes of red, green, blue, alpha
@@ -172,15 +172,18 @@ def blend_tiles(
         row, column = TILE_PX * (number // across), TILE_PX * (number % across)
         left, top = np.float32(column) + HALF, np.float32(row) + HALF
         tile[:PIXELS], tile[PIXELS:] = ONE, ZERO
-        i, end = np.uintp(starts[number]), np.uintp(starts[number + 1]) - np.uintp(1)
-        last, hidden = end - np.uintp(1), False
-        while i < end and not hidden:
-            stop = min(i + AT_ONCE, end)
-            while i < stop:
-                fetch(splats, np.uintp(pairs[min(i + AHEAD, last)]))  # pyright: ignore[reportCallIssue]
-                blend_splat(tile, splats, np.uintp(pairs[i]), left, top)  # pyright: ignore[reportCallIssue]
-                i += np.uintp(1)
-            hidden = not lets_through(tile, OPAQUE)  # pyright: ignore[reportCallIssue]
+        hidden = False
+        for portion in range(len(starts)):
+            near_to_far, first = pairs[portion], starts[portion]
+            i, end = np.uintp(first[number]), np.uintp(first[number + 1]) - np.uintp(1)
+            last = end - np.uintp(1)
+            while i < end and not hidden:
+                stop = min(i + AT_ONCE, end)
+                while i < stop:
+                    fetch(splats, np.uintp(near_to_far[min(i + AHEAD, last)]))  # pyright: ignore[reportCallIssue]
+                    blend_splat(tile, splats, np.uintp(near_to_far[i]), left, top)  # pyright: ignore[reportCallIssue]
+                    i += np.uintp(1)
+                hidden = not lets_through(tile, OPAQUE)  # pyright: ignore[reportCallIssue]
         for k in range(PIXELS):
             # Behind a hidden rest it looks like before it, not like the background.
             rest = ZERO if hidden else through[k]

@@ -183,20 +183,6 @@ def cull(
 
 
 @njit(**FAST)
-def interleave(
-    ellipses: Floats,  # [6 * N] x, y (px), p, q, r, log2 of the opacity
-    colors: Floats,  # [N * 3]
-    splats: Floats,  # -> [N, 9 and more] the same and a colour, 0..1, beside each other
-) -> None:
-    count = len(splats)
-    for i in range(count):
-        for k in range(6):
-            splats[i, k] = ellipses[k * count + i]
-        for k in range(3):
-            splats[i, 6 + k] = min(max(colors[3 * i + k], ZERO), ONE)
-
-
-@njit(**FAST)
 def pack(
     x: Floats,  # [N]
     y: Floats,

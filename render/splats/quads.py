@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from render.gl.contexts import GLContext
 from render.splats.projector import Projector
+from render.splats.threads import Threads
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:
@@ -26,7 +27,8 @@ class QuadRenderer:
     def __init__(self, context: GLContext) -> None:
         context.activate()
         self._context, gl = context, context.gl
-        self._projector = Projector()
+        self._threads = Threads()
+        self._projector = Projector(self._threads)
         unpack, vertex, fragment = (
             (SHADERS / name).read_text()
             for name in ("splat.glsl", "quads.vert.glsl", "quads.frag.glsl")
@@ -80,6 +82,7 @@ class QuadRenderer:
 
     def close(self) -> None:
         """Free everything, the context too; may be called twice."""
+        self._threads.close()
         self._context.close()
 
     def _room(self, count: int) -> "tuple[moderngl.Buffer, moderngl.VertexArray]":

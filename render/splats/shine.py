@@ -26,17 +26,11 @@ def colors_from(cloud: Gaussians, viewer_mm: NDArray[np.floating] = FRONT_MM) ->
     shine = cloud.shine
     if shine is None:
         return cloud.colors
-    sides = np.empty((6, len(shine.weights)), np.float32)
-    added = np.zeros((3, len(shine.weights)), np.float32)
     means, quats = (np.ascontiguousarray(rows).reshape(-1) for rows in (cloud.means, cloud.quats))
-    face_viewer(means, quats, np.asarray(viewer_mm, np.float32), *sides)
-    weights = np.ascontiguousarray(shine.weights).reshape(-1)
-    for k in range(len(TOWARDS)):
-        lobe = (weights[k:], shine.roughness, SOFT[k:], TOWARDS[k], shine.lamps[k])
-        add_lobe(*(*sides, *lobe, *added))
     out = np.array(cloud.colors, np.float32, order="C")
-    for k, light in enumerate(added):
-        add_light(light, FILM, out.reshape(-1)[k:])
+    viewer, weights = np.asarray(viewer_mm, np.float32), np.ascontiguousarray(shine.weights)
+    lamps = SOFT, TOWARDS, shine.lamps, FILM
+    add_shine(means, quats, viewer, weights.reshape(-1), shine.roughness, *lamps, out.reshape(-1))
     return out
 
 
@@ -116,3 +110,30 @@ def add_light(
         x = light[i] + (np.sqrt(q * q + FOUR * p * e * r) - q) / (TWO * p)
         x = x * (a * x + b) / (x * (c * x + d) + e)
         colors[3 * i] = np.sqrt(min(x, ONE)) if light[i] > ZERO else stored
+
+
+@njit(**FAST)
+def add_shine(
+    means: Floats,  # [N * 3] mm
+    quats: Floats,  # [N * 4]
+    viewer: Floats,  # [3] mm
+    weights: Floats,  # [M * 4] of the first M, see Shine
+    roughness: Floats,  # [M]
+    soft: Floats,  # [4] what the width of each lamp adds to it
+    towards: Floats,  # [4, 3] unit
+    lamps: Floats,  # [4, 3] linear light
+    film: Floats,  # [5]
+    colors: Floats,  # [N * 3] stored, changed in place
+) -> None:
+    sides = np.empty((6, len(roughness)), np.float32)
+    nx, ny, nz, vx, vy, vz = sides[0], sides[1], sides[2], sides[3], sides[4], sides[5]
+    added = np.zeros((3, len(roughness)), np.float32)
+    red, green, blue = added[0], added[1], added[2]
+    face_viewer(means, quats, viewer, nx, ny, nz, vx, vy, vz)
+    for k in range(len(towards)):
+        weight, wide, lamp = weights[k:], soft[k:], lamps[k]
+        add_lobe(
+            nx, ny, nz, vx, vy, vz, weight, roughness, wide, towards[k], lamp, red, green, blue
+        )  # fmt: skip
+    for k in range(3):
+        add_light(added[k], film, colors[k:])

@@ -26,8 +26,8 @@ class Pairs(NamedTuple):
     last tile there is one more, whose list is empty.
     """
 
-    splats: U32  # [P + tiles + 2]
     starts: U32  # [tiles + 2]
+    splats: U32  # [P + tiles + 2]
 
     @property
     def counts(self) -> U32:
@@ -40,6 +40,7 @@ def bin_splats(
     order: U32,  # [M] the splats that are seen, nearest first
     size: tuple[int, int],  # tiles across, down
     reaches: Reaches | None = None,
+    most: int = MAX_PAIRS,
 ) -> Pairs:
     """Pairs of splats and the tiles of their boxes or, where that is told, those they reach.
 
@@ -52,13 +53,13 @@ def bin_splats(
     seen = np.empty(len(order), np.uint64)
     tile_kernels.count_tiles(*reaches, boxes, order, across, seen, counts)
     total = int(counts.sum(dtype=np.int64))
-    if total > MAX_PAIRS:
+    if total > most:
         raise InputError(
-            f"splats: expected at most {MAX_PAIRS} (splat, tile) pairs, got {total}; "
+            f"splats: expected at most {most} (splat, tile) pairs, got {total}; "
             "draw fewer or smaller Gaussians, or move the camera away"
         )
     starts = np.zeros(tiles + 2, np.uint32)
     np.cumsum(counts[: tiles + 1] + 1, out=starts[1:])
     splats = np.empty(starts[-1] + 1, np.uint32)
     tile_kernels.fill_tiles(seen, reaches.further, boxes, order, across, starts.copy(), splats)
-    return Pairs(splats, starts)
+    return Pairs(starts, splats)

@@ -13,10 +13,11 @@ from render.splats.blend_kernels import NUMBERS, blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
 from render.splats.threads import Threads
-from render.splats.tile_pairs import bin_splats
-from render.types import Camera, Gaussians
+from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
+from render.types import U32, Camera, Gaussians
 
 PARTS = 8  # of a picture's tiles, a thread
+PORTIONS = 4  # of a picture's splats; as many with one thread as with eight, to the bit the same
 
 
 class TileRenderer:
@@ -24,7 +25,8 @@ class TileRenderer:
 
     def __init__(self, context: GLContext) -> None:
         self._context = context  # of whoever shows the pictures
-        self._projector, self._threads = Projector(), Threads()
+        self._threads = Threads()
+        self._projector = Projector(self._threads)
         self._splats = np.empty((0, NUMBERS), np.float32)
         self._picture = np.empty((0, 0, 4), np.uint8)
         self._background: tuple[int, int, tuple[float, float, float]] | None = None
@@ -35,22 +37,21 @@ class TileRenderer:
     def draw(self, gaussians: Gaussians, camera: Camera) -> None:
         """Draw one picture; its size is that of the camera."""
         self._context.activate()
-        order = self._projector.run(gaussians, camera)
-        size = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
-        pairs = bin_splats(self._projector.boxes, order, size, self._projector.reached_tiles())
         if len(self._splats) != len(gaussians):
             self._splats = np.zeros((len(gaussians), NUMBERS), np.float32)
-        self._projector.rows(self._splats)
-        covered = pairs.counts > 0
+        order, reaches = self._projector.run_for_tiles(gaussians, camera, self._splats)
+        portions = self._deal(order, reaches, camera)
+        covered = np.sum([pairs.counts for pairs in portions], 0) > 0
         self._clear(camera, len(covered))
         tiles, self._covered = np.flatnonzero(covered | self._covered), covered
+        starts, splats = zip(*portions, strict=True)
         background = np.array(camera.background, np.float32)
         picture = self._picture.view(np.int32)[..., 0]
         parts = PARTS * self._threads.count
 
         def blend(part: int) -> None:
             chosen = tiles[len(tiles) * part // parts : len(tiles) * (part + 1) // parts]
-            blend_tiles(chosen, pairs.starts, pairs.splats, self._splats, background, picture)
+            blend_tiles(chosen, starts, splats, self._splats, background, picture)
 
         self._threads.share(blend, parts)
 
@@ -62,6 +63,20 @@ class TileRenderer:
     def read_rgba(self) -> NDArray[np.uint8]:
         """The last picture [H, W, 4]; alpha is coverage, the colours lie over the background."""
         return self._picture
+
+    def _deal(self, order: U32, reaches: Reaches, camera: Camera) -> list[Pairs]:
+        """The splats of each tile in portions, the nearest first."""
+        size = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
+        portions = [Pairs(order, order)] * PORTIONS
+
+        def deal(k: int) -> None:
+            portion = order[len(order) * k // PORTIONS : len(order) * (k + 1) // PORTIONS]
+            portions[k] = bin_splats(
+                self._projector.boxes, portion, size, reaches, MAX_PAIRS // PORTIONS
+            )
+
+        self._threads.share(deal, PORTIONS)
+        return portions
 
     def _clear(self, camera: Camera, tiles: int) -> None:
         """A picture of the background where the last one was of another size or over another."""

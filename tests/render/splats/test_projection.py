@@ -10,6 +10,7 @@ from render.cameras import portrait
 from render.splats import reference
 from render.splats.projector import Projector
 from render.splats.reach_kernels import FURTHER, WHOLE
+from render.splats.threads import Threads
 from render.splats.tile_pairs import bin_splats
 
 CAMERA = portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)
@@ -24,7 +25,7 @@ def hard_scene():
 
 def test_the_order_is_that_of_depth():
     scene = hard_scene()
-    projector = Projector()
+    projector = Projector(Threads())
     order = projector.run(scene, CAMERA)
     assert projector.dropped == 1 and 1000 < len(order) < len(scene) - 2
     depths = scene.means[order] @ CAMERA.viewmat[2, :3]
@@ -36,9 +37,8 @@ def test_a_splat_is_dealt_to_the_tiles_that_its_pixels_lie_in_and_to_few_others(
     scene, size = take(head_scene(3000), np.arange(0, 3000, 15)), (26, 17)
     wider = np.where(np.arange(len(scene)) % 50, 2.5, 12).astype(np.float32)
     scene = replace(scene, scales=scene.scales * wider[:, None])
-    projector = Projector()
-    order = projector.run(scene, CAMERA)
-    reaches = projector.reached_tiles()
+    projector = Projector(Threads())
+    order, reaches = projector.run_for_tiles(scene, CAMERA, np.empty((len(scene), 9), np.float32))
     large = reaches.words[order] == WHOLE, reaches.words[order] >= FURTHER
     assert large[0].any() and large[1].any() and not np.all(large[0] | large[1])
     pairs = bin_splats(projector.boxes, order, size, reaches)

@@ -169,7 +169,7 @@ def test_broken_gaussians_are_dropped_and_counted(gl_renderer):
 def test_too_many_pairs_are_refused_before_memory_is_taken(tiles):
     scene = head_scene(3000)
     scene = replace(scene, scales=np.full_like(scene.scales, 900.0))
-    with pytest.raises(InputError, match=r"at most 33554432 \(splat, tile\) pairs, got"):
+    with pytest.raises(InputError, match=r"at most \d+ \(splat, tile\) pairs, got"):
         draw(tiles, scene, portrait(1024, 1024))
     check(tiles, head_scene(500), portrait(64, 64))
 

@@ -27,15 +27,16 @@ def test_an_error_is_handed_on_and_nobody_is_left_at_work():
     threads, others = Threads(), set()
 
     def work(part: int) -> None:
-        others.add(threading.current_thread().name)
+        others.add(threading.current_thread())
         raise ValueError(part)
 
     for _ in range(3):
         with pytest.raises(ValueError, match=r"\d"):
             threads.share(work, 16)
     threads.close()
-    alive = {thread.name for thread in threading.enumerate()}
-    assert not (others - {"MainThread"}) & alive
+    for other in others - {threading.current_thread()}:
+        other.join(5)
+        assert not other.is_alive()
 
 
 def test_one_thread_draws_what_all_draw(tiles, monkeypatch):
