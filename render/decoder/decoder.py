@@ -24,7 +24,7 @@ from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
-from render.lighting import LIGHTINGS, Lighting, scattered
+from render.lighting import LIGHTINGS, TEETH, Lighting
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
 from sensors.rotation import REST
@@ -123,9 +123,9 @@ class Decoder:
 
     def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
         """Shares of the sky, of the key light and the rims that reach each used vertex."""
+        cache, out = self.cached(identity), np.empty_like(identity.visibility)
         code = self.coding.normalised(expression.astype(np.float32))
-        cache, out = self.cached(identity), identity.visibility.copy()
-        change = self.light(code, cache.biases) - cache.light
+        change, out[2:] = self.light(code, cache.biases) - cache.light, identity.visibility[2:]
         kernels.read_light(*self.texels, change, identity.visibility[:2], out[:2])
         return out
 
@@ -163,10 +163,10 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        visibility[:2, self.teeth] = scattered(visibility[:2, self.teeth])
-        bent, turned, move, at_rest = None, None, AT_REST, vertices[cache.skin.rows]
+        kernels.scatter(self.teeth, TEETH, visibility)
+        bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
-            bent = cache.neck.bent(head, breath)
+            bent, at_rest = cache.neck.bent(head, breath), vertices[cache.skin.rows]
             turned, move = TurnedHead(bent, cache.still, cache.stretch), bent.head
             neck.bend_vertices(vertices, cache.skin, bent)
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from render.decoder.posing import Posing, gaze_rotation
+from render.decoder.posing import Posing
 from render.lighting import KEY
 from render.types import Floats
 
 OPACITY = 0.9
 # From the centre of an eye that comes EYE_MM forward; on larger eyes both are larger.
-CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = np.array([0.0, 0.0, 6.2], np.float32), 10.5, 15.95
+CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = 6.2, 10.5, 15.95
 # Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
 HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
 HALF /= np.linalg.norm(HALF)
@@ -31,9 +31,8 @@ def place(
     means: Floats,  # -> [2, 3] mm
     opacities: Floats,  # -> [2]
 ) -> None:
-    for eye, side in enumerate((1, -1)):
-        cornea = gaze_rotation(gaze[eye]) @ (CORNEA_MM * (side, 1, 1))
-        means[eye] = centers[eye] + sizes[eye] * (cornea + CORNEA_RADIUS_MM * half)
+    means[:] = centers + sizes[:, None] * (CORNEA_MM * gaze + CORNEA_RADIUS_MM * half)
+    for eye in range(2):
         clear = posing.lid_lines[eye].clearance(vertices, means[eye])
         share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)
         opacities[eye] = OPACITY * min(max(share, 0.0), 1.0)

@@ -96,7 +96,7 @@ def vertex_attributes(
             row[TURN + 2], row[TURN + 3] = a * nx + b * ny + c * nz, zero
             row[LIGHT], row[LIGHT + 1], row[LIGHT + 2] = light[0, m], light[1, m], light[2, m]
             row[LIGHT + 3], row[SHARES], row[SHARES + 1] = zero, shares[1, m], shares[0, m]
-            # `mixed_row` computes with them, too: left as memory was, denormal numbers made a
+            # `place_gaussian` computes with them, too: left as memory was, denormal numbers made a
             # decode take 12 ms instead of 2.5, in one process of four.
             row[SHARES + 2], row[SHARES + 3] = zero, zero
 
@@ -142,3 +142,18 @@ def read_light(
             sky += weights[e] * change[texel, 0]
             lamp += weights[e] * change[texel, 1]
         out[0, u], out[1, u] = min(max(sky, zero), one), min(max(lamp, zero), one)
+
+
+@loop
+def scatter(
+    rows: Ints,  # [n] vertices of teeth
+    fit: Floats,  # [3] lighting.TEETH
+    seen: Floats,  # [2 and more, U] shares of light; the first two of these rows changed in place
+) -> None:
+    """What `lighting.scattered` says, in place."""
+    a, b, c = fit[0], fit[1], fit[2]
+    for k in range(2):
+        for row in rows:
+            u = np.uintp(row)
+            share = seen[k, u]
+            seen[k, u] = max(share, share * (share * (a * share + b) + c))

@@ -8,7 +8,7 @@ Cross products and rotations are written out in each loop, as plain scalars of o
 # pyright: reportUntypedFunctionDecorator=false
 import numpy as np
 
-from render.decoder.kernels.vectors import LANES, loop, mixed_row
+from render.decoder.kernels.vectors import LANES, loop, place_gaussian
 from render.types import Floats, Ints, Shorts
 
 # Numbers that a vertex hands on, each kind from the start of a quarter of a vector: place, mm;
@@ -90,18 +90,10 @@ def skin_gaussians(
             n = np.uintp(start + i)
             a, b, c = np.uintp(rows[n, 0]), np.uintp(rows[n, 1]), np.uintp(rows[n, 2])
             u, v, t = weights[n, 0], weights[n, 1], weights[n, 2]
-            row = mixed_row(attributes, a, b, c, u, v, t)  # pyright: ignore[reportCallIssue]
-            w, x, y, z = row[TURN], row[TURN + 1], row[TURN + 2], row[TURN + 3]  # z: 0
-            quats[n, 0], quats[n, 1], quats[n, 2], quats[n, 3] = w, x, y, z
-            deep = depths[n]
-            right, up = row[PLACE] - deep * y, row[PLACE + 1] + deep * x
-            means[n, 0], means[n, 1] = right, up
-            means[n, 2] = row[PLACE + 2] - deep * (w - behind)
-            colors[n, 0] = reflected[n, 0] * row[LIGHT]
-            colors[n, 1] = reflected[n, 1] * row[LIGHT + 1]
-            colors[n, 2] = reflected[n, 2] * row[LIGHT + 2]
-            share = gloss[n]
-            shine[n, 0], shine[n, 1] = share * row[SHARES], share * row[SHARES + 1]
+            place_gaussian(  # pyright: ignore[reportCallIssue]
+                attributes, a, b, c, u, v, t, depths[n], behind, reflected, gloss[n],
+                means, quats, colors, shine, n,
+            )  # fmt: skip
         develop(stored[3 * start : 3 * (start + count)], film)
         for i in range(count):
             n = np.uintp(start + i)
