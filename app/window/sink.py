@@ -1,9 +1,10 @@
 """WindowSink: the loop's end of the window.
 
 Why the window is a process and not a thread: an OpenGL call of moderngl holds Python's lock until
-it is done, and a swap of buffers waits for the display. A window in a thread of the loop would stop the tick with every picture; a process cannot,
-not even when it hangs or crashes. It also decodes and draws on the other core, at the display's own
-rate, with motion between the ticks. What crosses is a tick of 320 kB, in shared memory.
+it is done, and a swap of buffers waits for the display. A window in a thread of the loop would stop
+the tick with every picture; a process cannot, not even when it hangs or crashes. It also decodes
+and draws on the other core, at the display's own rate, with motion between the ticks. What crosses
+is a tick of 320 kB, in shared memory.
 """
 
 import subprocess
