@@ -5,47 +5,66 @@ import os
 import sys
 import threading
 from collections.abc import Callable
+from queue import SimpleQueue
 
 MOST = 8
-Work = Callable[[], None]
+_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 class Threads:
-    """The caller and a helper for every other CPU."""
+    """The caller and a helper for every other CPU, asleep until there is something to do."""
 
     def __init__(self) -> None:
         self.count = min(_cpus(), MOST)
-        self._helpers: list[_Helper] = []
+        self._helpers: list[tuple[threading.Thread, SimpleQueue[Callable[[], None] | None]]] = []
         self._here = -1  # CPU of the caller when the helpers were last told
 
     def share(self, work: Callable[[int], None], parts: int) -> None:
-        """Do work(0) .. work(parts - 1): whoever is free takes the next one."""
+        """Do work(0) .. work(parts - 1): whoever is free takes the next one.
+
+        Nobody waits for a helper that is late, because its CPU is busy: the others do its parts.
+        """
         left = iter(range(parts))
+        others = SimpleQueue[Exception | None]()  # what became of each part that helpers did
 
-        def take() -> None:
+        def help_out() -> None:
             for part in left:
-                work(part)
+                try:
+                    work(part)
+                except Exception as error:
+                    others.put(error)
+                else:
+                    others.put(None)
 
-        while len(self._helpers) < self.count - 1:
-            self._helpers.append(_Helper())
-            self._here = -1
-        self._step_aside()
-        called = self._helpers[: self.count - 1]
-        for helper in called:
-            helper.call(take)
+        self._call(help_out)
+        own = 0
         try:
-            take()
+            for part in left:
+                own += 1
+                work(part)
         finally:
-            failures = [helper.finished() for helper in called]
+            own += sum(1 for _ in left)  # after an error nobody does the rest
+            failures = [others.get() for _ in range(parts - own)]
         for failure in failures:
             if failure:
                 raise failure
 
     def close(self) -> None:
         """End the helpers; may be called twice."""
-        for helper in self._helpers:
-            helper.call(None)
+        for _, calls in self._helpers:
+            calls.put(None)
         self._helpers = []
+
+    def _call(self, work: Callable[[], None]) -> None:
+        while len(self._helpers) < self.count - 1:
+            calls = SimpleQueue[Callable[[], None] | None]()
+            thread = threading.Thread(target=_help, args=(calls,), name="splats", daemon=True)
+            thread.start()
+            self._helpers.append((thread, calls))
+            self._here = -1
+        self._step_aside()
+        for _, calls in self._helpers[: self.count - 1]:
+            calls.put(work)
 
     def _step_aside(self) -> None:
         """Keep the helpers off the CPU of the caller: Linux likes to wake them there, picture
@@ -57,9 +76,9 @@ class Threads:
             return
         self._here = here
         others = os.sched_getaffinity(0) - {here}
-        for helper in self._helpers if others else ():
+        for thread, _ in self._helpers if others else ():
             try:
-                os.sched_setaffinity(helper.thread.native_id or 0, others)
+                os.sched_setaffinity(thread.native_id or 0, others)
             except OSError:  # we may not: pictures take longer
                 continue
 
@@ -67,46 +86,11 @@ class Threads:
         self.close()
 
 
-class _Helper:
-    """A thread that sleeps until it is called."""
-
-    def __init__(self) -> None:
-        self._called, self._finished = threading.Lock(), threading.Lock()
-        self._called.acquire()
-        self._finished.acquire()
-        self._work: Work | None = None
-        self._failure: Exception | None = None
-        self.thread = threading.Thread(target=self._run, name="splats", daemon=True)
-        self.thread.start()
-
-    def call(self, work: Work | None) -> None:
-        """Do this once, or end."""
-        self._work = work
-        self._called.release()
-
-    def finished(self) -> Exception | None:
-        """Wait until the work is done; what went wrong."""
-        self._finished.acquire()
-        failure, self._failure = self._failure, None
-        return failure
-
-    def _run(self) -> None:
-        while True:
-            self._called.acquire()
-            work, self._work = self._work, None
-            if work is None:
-                return
-            try:
-                work()
-            except Exception as error:
-                self._failure = error
-            del work
-            self._finished.release()
+def _help(calls: "SimpleQueue[Callable[[], None] | None]") -> None:
+    for work in iter(calls.get, None):
+        work()
 
 
 def _cpus() -> int:
     """CPUs that this process may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
-
-
-_LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None

@@ -46,3 +46,16 @@ def test_one_thread_draws_what_all_draw(tiles, monkeypatch):
     monkeypatch.setattr(tiles._threads, "count", 1)
     tiles.draw(scene, camera)
     assert (tiles.read_rgba() == picture).all()
+
+
+def test_nobody_waits_for_a_helper_that_is_late():
+    threads, busy = Threads(), threading.Event()
+    threads.count = 2
+    threads._call(busy.wait)  # its CPU is busy
+    done: list[int] = []
+    threads.share(done.append, 5)
+    assert done == [0, 1, 2, 3, 4]
+    busy.set()
+    threads.share(done.append, 5)
+    assert sorted(done[5:]) == [0, 1, 2, 3, 4]
+    threads.close()
