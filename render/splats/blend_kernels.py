@@ -21,7 +21,7 @@ from render.types import U32, Floats
 
 LANES, VECTORS = 16, 4  # pixels of a vector; vectors of a tile
 PIXELS = LANES * VECTORS
-NUMBERS = 12  # of a splat, see `projection_kernels.interleave`; nine are used
+NUMBERS = 12  # of a splat, see `projection.interleave`; nine are used
 AT_ONCE = np.uintp(8)  # splats that are blended before it is asked whether they hide the rest
 AHEAD = np.uintp(4)  # splats that are fetched before they are needed
 OPAQUE = np.float32(1 / 128)  # a tile that lets less through hides the rest
