@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from render.decoder.posing import Posing
+from render.decoder.posing import Posing, eye_rotation
 from render.lighting import KEY
 from render.types import Floats
 
@@ -31,7 +31,8 @@ def place(
     means: Floats,  # -> [2, 3] mm
     opacities: Floats,  # -> [2]
 ) -> None:
-    means[:] = centers + sizes[:, None] * (CORNEA_MM * gaze + CORNEA_RADIUS_MM * half)
+    pupils = np.stack([eye_rotation(gaze[eye], eye)[:, 2] for eye in range(2)])
+    means[:] = centers + sizes[:, None] * (CORNEA_MM * pupils + CORNEA_RADIUS_MM * half)
     for eye in range(2):
         clear = posing.lid_lines[eye].clearance(vertices, means[eye])
         share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)

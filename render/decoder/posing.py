@@ -6,7 +6,7 @@ shut, lips that meet and never cross (`render/decoder/lines.py`).
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import asin, atan2, cos, sin
+from math import asin, atan2, cos, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,9 @@ SOFT_LIMIT = (-0.05, 1.05)  # activations beyond it are drawn in: any code is a 
 CLOSE_MARGIN = 0.04
 CORNEA_MM = np.float32(0.8)  # of an eyeball: what stands out from its sphere by more
 MOST_MM = np.float32(1.1)  # that it may stand out: a cornea of more pokes through its lid
+# Pupils point so far outward of where one looks (angle kappa: 4 to 6 degrees in adults); without it
+# faces seem cross-eyed. Of these the least: who looks ahead here then seems to look at the viewer.
+KAPPA_DEG = 4.0
 OVERSHOOT = 0.25  # how far beyond the limit an activation can get
 
 
@@ -50,7 +53,7 @@ class Posing:
 
     def rest(self, geometry: Floats, sealed: bool = False) -> Rest:
         """A person from a neutral geometry [V, 3] mm; lips are sealed unless they are already,
-        and eyes look straight ahead."""
+        and pupils point straight ahead."""
         geometry = geometry.astype(np.float32).copy()
         if not sealed:
             for _ in range(4):
@@ -82,7 +85,7 @@ class Posing:
             line.part(vertices)
         for eye, members in enumerate(self.eyeballs):
             posing_kernels.turn_eye(
-                *(rest.geometry, members, rest.eye_centers[eye], gaze_rotation(gaze[eye]), vertices)
+                *(rest.geometry, members, rest.eye_centers[eye], eye_rotation(gaze[eye], eye), vertices)
             )
         return vertices
 
@@ -138,7 +141,7 @@ def limit(rig: Floats) -> Floats:
 
 
 def straightened(eyeball: Floats) -> Floats:  # [n, 3] mm -> [n, 3]
-    """An eyeball whose cornea points straight ahead: a gaze is the way the pupil points."""
+    """An eyeball whose cornea points straight ahead."""
     centre = sphere_centre(eyeball)
     arm = eyeball - centre
     length = np.linalg.norm(arm, axis=1)
@@ -152,12 +155,23 @@ def straightened(eyeball: Floats) -> Floats:  # [n, 3] mm -> [n, 3]
     return (arm @ gaze_rotation((apex / size).astype(np.float32)) + centre).astype(np.float32)
 
 
+def eye_rotation(gaze: Floats, eye: int) -> Floats:  # [3] unit, 0: left -> [3, 3]
+    """Rotation of a straightened eyeball that looks along `gaze`."""
+    return gaze_rotation(gaze) @ KAPPAS[eye]
+
+
 def gaze_rotation(gaze: Floats) -> Floats:  # [3] unit -> [3, 3]
-    """Rotation of an eyeball that looks along `gaze`: yaw about y, then pitch, no roll."""
+    """Turns straight ahead to `gaze`: yaw about y, then pitch, no roll."""
     yaw, pitch = atan2(gaze[0], gaze[2]), -asin(min(max(gaze[1], -1), 1))
     cy, sy, cp, sp = cos(yaw), sin(yaw), cos(pitch), sin(pitch)
     rows = ((cy, sy * sp, sy * cp), (0, cp, -sp), (-sy, cy * sp, cy * cp))
     return np.array(rows, np.float32)
+
+
+def outward(eye: int) -> Floats:  # -> [3] unit
+    """The way the pupil points of an eye that looks ahead: 0 is the left one, at +x."""
+    kappa = radians(KAPPA_DEG) * (1 - 2 * eye)
+    return np.array((sin(kappa), 0, cos(kappa)), np.float32)
 
 
 def sphere_centre(points: Floats) -> Floats:  # [n, 3] -> [3]
@@ -165,3 +179,6 @@ def sphere_centre(points: Floats) -> Floats:  # [n, 3] -> [3]
     back = points[points[:, 2] < points[:, 2].mean()].astype(np.float64)
     system = np.c_[2 * back, np.ones(len(back))]
     return np.linalg.lstsq(system, (back**2).sum(1), rcond=None)[0][:3].astype(np.float32)
+
+
+KAPPAS = tuple(gaze_rotation(outward(eye)) for eye in range(2))
