@@ -19,6 +19,7 @@ NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
+HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
@@ -31,7 +32,8 @@ def cover(
     head: Surface,
     opacities: Floats,  # [N]
     kinds: NDArray[np.integer],  # [N] see mesh_parts
-    edges: NDArray[np.int32],  # vertices of lids and lips
+    lids: NDArray[np.int32],  # vertices
+    lips: NDArray[np.int32],  # vertices, and those behind them
     front: NDArray[np.int32],  # vertices of the face, which the fit knows
     posing: Posing,
     mean_face: Floats,  # [V, 3] mm at rest
@@ -41,16 +43,22 @@ def cover(
     _, _, areas = head.whole.normals(shut)
     shut_stretch = stretch(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
-    on_edge, on_face = (
-        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (edges, front)
+    on_lids, on_lips, on_face = (
+        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (lids, lips, front)
     )
     widths, opacities = head.scales.copy(), opacities.copy()
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
         apart = np.zeros_like(widths)
         apart[of_kind] = spacing(points[of_kind])
-        covers = of_kind & (on_edge | (kind == mesh_parts.EYE))
+        covers = of_kind & (on_lids | on_lips | (kind == mesh_parts.EYE))
         loose = of_kind & ~(covers | on_face)
+        if kind == mesh_parts.SKIN:
+            rows = np.flatnonzero(of_kind & on_lips)
+            around = head.whole.corners[np.isin(head.whole.corners, lips).all(1)]
+            places = (PLACES @ shut[around]).reshape(-1, 3)
+            holes = farthest(points[rows], places.astype(np.float32))
+            widths[rows] = np.maximum(widths[rows], HOLE * holes / shut_stretch[rows])
         for which, share, least in (
             (covers, SHARE, OPACITY),
             (loose, LOOSE_SHARE, LOOSE_OPACITY),

@@ -25,6 +25,7 @@ from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, TEETH, Lighting
+from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
 from sensors.rotation import REST
@@ -54,6 +55,7 @@ class Decoder:
     lighting: Lighting
     interior: Ints  # [I] Gaussians inside the mouth
     teeth: Ints  # rows of the used vertices
+    tongue_light: TongueLight
     wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
@@ -73,9 +75,8 @@ class Decoder:
         if light not in LIGHTINGS:
             known = ", ".join(LIGHTINGS)
             raise InputError(f"light: expected one of {known}, got {light!r}; try studio")
-        fields = load(folder, gaussians)
-        lighting, cache = LIGHTINGS[light], WeakKeyDictionary()
-        return cls(**fields, density=gaussians, lighting=lighting, _cache=cache)
+        fields, cache = load(folder, gaussians), WeakKeyDictionary()
+        return cls(**fields, density=gaussians, lighting=LIGHTINGS[light], _cache=cache)
 
     @property
     def to_code(self) -> Floats:
@@ -153,9 +154,8 @@ class Decoder:
         """
         rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
         vertices = self.posing.pose(rig, gaze, identity.rest)
-        cloud = (
-            cache.cloud if reuse else static_cloud(identity, cache, self.roughness, self.lighting)
-        )
+        fixed = identity, cache, self.roughness, self.lighting
+        cloud = cache.cloud if reuse else static_cloud(*fixed)
         means, quats, scales, opacities, colors = (getattr(cloud, name) for name in FIELDS)
 
         count = len(cache.opacities)
@@ -164,6 +164,7 @@ class Decoder:
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
         kernels.scatter(self.teeth, TEETH, visibility)
+        self.tongue_light.fill(vertices, identity.geometry, visibility)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
             bent, at_rest = cache.neck.bent(head, breath), vertices[cache.skin.rows]
@@ -179,9 +180,8 @@ class Decoder:
         opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
         scaled(cache.opacities, self.interior, opened, opacities)
 
-        half = highlights.HALF @ move[:, :3]
         spots = slice(count, count + 2)
-        eyes = gaze, identity.eye_centers, cache.eye_sizes, half
+        eyes = gaze, identity.eye_centers, cache.eye_sizes, highlights.HALF @ move[:, :3]
         highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])
 
         strands = slice(len(means) - len(identity.beard), len(means))

@@ -22,7 +22,9 @@ COUNTS: dict[Density, int | None] = {"16k": 16_000, "32k": 32_768, "65k": None} 
 NEIGHBOURS, NEAREST = 12, 6  # that may crowd, that tell how dense the place is
 NORMAL_MM = 6.0  # points and normals together: the two sides of a lip are neighbours in space only
 KIND_MM = 1000.0  # apart are Gaussians of skin, eyes, mouth, teeth and lashes
-EYES = 1.25  # times as near to each other are those of eyes, where people look first
+EYES = 1.4  # times as near to each other are those of eyes, where people look first
+FINE, LOOSE = 1.25, 0.75  # and those of lips, lids and nostrils; those of neck, ears and scalp
+EARS_MM = (62, -40, -60), (200, 45, 40)  # box around them, |x| y z
 REACH = 1.5  # neighbours further than that do not crowd, in units of the spacing that is wanted
 SHARE = 0.33  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.85  # of skin, at least
@@ -32,6 +34,7 @@ CELL_MM = 1.9  # one in each cell of a grid
 NARROWER: dict[Density, float] = {"16k": 0.85, "32k": 0.8, "65k": 1.0}  # those above it
 NEAR_MM, FLAT = 4.0, 0.75  # skin so near is flat if its normals agree: cosine
 BELOW, DEPTH_MM, DEEP_OPACITY = 0.8, 1.0, 0.98  # width, as SHARE; under the skin
+LONELY = 1.25  # of the usual distance to the others: wider ones inside a nostril show through it
 
 
 class Layers(NamedTuple):
@@ -49,6 +52,8 @@ def choose(
     mesh: Floats,  # [V, 3] mm, the mean face
     kinds: NDArray[np.integer],  # [N] see mesh_parts
     opacities: Floats,  # [N]
+    fine: NDArray[np.bool_],  # [N] of which more stay, and ...
+    loose: NDArray[np.bool_],  # [N] ... fewer, see groups
     preset: Density,
 ) -> tuple[Indices, csr_array, Floats, Floats]:
     """The anchors that stay [n], neighbours together: what the loops of the decoder read is at
@@ -63,14 +68,22 @@ def choose(
         # a KDTree that splits at 0 goes on from the next number, which counts as 0 (and the tree
         # never ends) where ONNX Runtime has this thread take denormals for zero
         points += 1 - points.min(0)
-        eye, share = kinds == mesh_parts.EYE, count / len(points)
-        eyes = min(round(EYES**2 * share * eye.sum()), int(eye.sum()))
-        stays = np.zeros(len(points), bool)
-        stays[eye] = thinned(points[eye], eyes)
-        stays[~eye] = thinned(points[~eye], count - eyes)
+        stays, wider = np.zeros(len(points), bool), np.empty(len(points), np.float32)
+        left, others = count, np.ones(len(points), bool)
+        for group, nearer in (
+            (kinds == mesh_parts.EYE, EYES),
+            (fine, FINE),
+            (loose, LOOSE),
+            (others, 0),
+        ):
+            group = group & others
+            size = int(group.sum())
+            kept = min(round(nearer**2 * count / len(points) * size), size) if nearer else left
+            stays[group], wider[group] = thinned(points[group], kept), np.sqrt(size / kept)
+            left, others = left - kept, others & ~group
         rows = rows[stays[rows]]
         distance = nearest(points[rows], points[rows], 5)[0]
-        widths = widths * np.where(eye, np.sqrt(eye.sum() / eyes), 1 / np.sqrt(share))
+        widths = widths * wider
         widths[rows] = np.maximum(widths[rows], SHARE * distance[:, 1:].mean(1))
         owner = nearest(points[rows], points, 1)[1][:, 0]
     share = (1 / np.bincount(owner))[owner].astype(np.float32)
@@ -117,6 +130,23 @@ def thick(
     return (kinds == mesh_parts.SKIN) & (head.interpolate @ room > 0.99)
 
 
+def groups(
+    head: Surface,
+    mesh: Floats,  # [V, 3] mm, the mean face
+    kinds: NDArray[np.integer],  # [N] see mesh_parts
+    face: NDArray[np.int32],  # vertices
+    edges: NDArray[np.int32],  # of lids and lips
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # [N] each
+    """Skin of the face where no layer lies below it: lips, lids, nostrils; and skin off the face
+    and its ears."""
+    skin, points = kinds == mesh_parts.SKIN, head.interpolate @ mesh[head.used]
+    low, high = np.array(EARS_MM)
+    points[:, 0] = np.abs(points[:, 0])
+    ears = ((points > low) & (points < high)).all(1)
+    on_face = head.interpolate @ np.isin(head.used, face).astype(np.float32) > 0
+    return skin & on_face & ~thick(head, mesh, kinds, face, edges), skin & ~on_face & ~ears
+
+
 def layered(
     head: Surface,  # those above, neighbours together
     mesh: Floats,  # [V, 3] mm, the mean face
@@ -139,7 +169,8 @@ def layered(
     count = len(opacities)
     rows = np.concatenate([np.arange(count), above[middle]])
     deep, wide = np.zeros(len(rows), np.float32), head.scales[rows].copy()
-    deep[count:], wide[count:] = DEPTH_MM, BELOW * spacing(points[middle])
+    apart = spacing(points[middle])
+    deep[count:], wide[count:] = DEPTH_MM, BELOW * np.minimum(apart, LONELY * np.median(apart))
     shown = np.concatenate([opacities, np.full(len(middle), DEEP_OPACITY)]).astype(np.float32)
     both = csr_array(vstack([shares, mean @ shares]), dtype=np.float32)
     first = head.interpolate.indices.reshape(-1, 3).min(1)[rows]

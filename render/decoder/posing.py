@@ -85,7 +85,13 @@ class Posing:
             line.part(vertices)
         for eye, members in enumerate(self.eyeballs):
             posing_kernels.turn_eye(
-                *(rest.geometry, members, rest.eye_centers[eye], eye_rotation(gaze[eye], eye), vertices)
+                *(
+                    rest.geometry,
+                    members,
+                    rest.eye_centers[eye],
+                    eye_rotation(gaze[eye], eye),
+                    vertices,
+                )
             )
         return vertices
 
@@ -124,6 +130,11 @@ class Posing:
         unit = np.float32(np.abs(dense).max() / np.iinfo(np.int16).max)
         steps = np.rint(moves[block, shape] / unit).astype(np.int16)
         return starts.astype(np.int32), shape.astype(np.uint8), steps, unit
+
+    @cached_property
+    def tongue(self) -> Ints:
+        """Vertices that the last two shapes raise."""
+        return np.unique(self.basis[:, -2:].nonzero()[0] // 3).astype(np.int32)
 
     def full_blink(self) -> Floats:  # [R]
         """Activations that shut both eyes."""

@@ -16,6 +16,7 @@ from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
+from render.tongue_light import TongueLight
 from render.types import Density
 
 KIND = "prior"
@@ -34,13 +35,14 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         for name in t
         if name.startswith("region_")
     }
-    faces = t["faces"].astype(np.int32)
+    faces, pose = t["faces"].astype(np.int32), posing(t, regions)
     head = surface.build(
         mesh=template(t),
         faces=faces,
         drawn=t["drawn"],
         kinds=t["vertex_kinds"],
         blood=regions["narrow_face"],
+        tongue=pose.tongue,
         triangles=t["anchor_triangles"],
         weights=t["anchor_weights"].astype(np.float32),
         widths=t["anchor_widths"].astype(np.float32),
@@ -48,15 +50,17 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     opacities = t["anchor_opacities"].astype(np.float32) / np.float32(255)
     kinds, shares = t["anchor_kinds"], csr_array(eye_array(len(opacities)), dtype=np.float32)
     rows = np.arange(len(opacities))
+    lips = np.concatenate([regions["lips"], regions["inner_mouth_lip_roll"]])
+    edges, face = np.concatenate([regions["eyelids"], lips]), regions["narrow_face"]
     if gaussians:
+        groups = density.groups(head, template(t), kinds, face, edges)
         rows, shares, widths, opacities = density.choose(
-            head, template(t), kinds, opacities, gaussians
+            head, template(t), kinds, opacities, *groups, gaussians
         )
         head = replace(head.take(rows), scales=widths)
-    pose = posing(t, regions)
-    edges = np.concatenate([regions[r] for r in ("eyelids", "lips", "inner_mouth_lip_roll")])
-    face = regions["narrow_face"]
-    widths, opacities = cover(head, opacities, kinds[rows], edges, face, pose, template(t))
+    widths, opacities = cover(
+        head, opacities, kinds[rows], regions["eyelids"], lips, face, pose, template(t)
+    )
     lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
     head = replace(head, scales=widths)
@@ -82,6 +86,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "shares": shares,
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
         "teeth": t["teeth_rows"],
+        "tongue_light": TongueLight.of(head.used, pose.tongue),
         "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,
         "regions": regions,

@@ -70,7 +70,7 @@ class Surface:
 
     used: Ints  # [U] vertices that carry Gaussians
     whole: Triangles  # all used vertices
-    live: Ints  # [L] rows of `used` on the face and the eyes: lit anew in every frame
+    live: Ints  # [L] rows of `used` on face, eyes and tongue: lit anew in every frame
     face: Triangles  # the live ones
     interpolate: csr_array  # [N, U] vertices -> anchors
     triangle: Ints  # [N] triangle of `whole` an anchor lies on
@@ -175,6 +175,7 @@ def build(
     drawn: Ints,  # [D] rows of `faces` that are drawn
     kinds: Ints,  # [V] SKIN, EYE, WET or DRY
     blood: Ints,  # vertices whose skin flushes
+    tongue: Ints,  # vertices
     triangles: Ints,  # [N] the anchors' rows of `faces`
     weights: Floats,  # [N, 3] barycentric coordinates
     widths: Floats,  # [N] mm
@@ -182,7 +183,8 @@ def build(
     """The linear algebra of a set of anchors."""
     corners = faces[triangles]
     used = np.unique(corners)
-    live = np.flatnonzero((kinds[used] == EYE) | np.isin(used, blood))
+    flushing = np.isin(used, blood)
+    live = np.flatnonzero((kinds[used] == EYE) | flushing | np.isin(used, tongue))
     whole, rows_whole = _around(faces, drawn, used, len(mesh))
     face, rows_face = _around(faces, drawn, used[live], len(mesh))
     row_of = np.full(len(mesh), -1, np.int32)
@@ -208,7 +210,7 @@ def build(
         live_triangle=rows_face[triangles],
         rest_areas=areas + np.float32(1e-9),
         scales=widths.astype(np.float32),
-        blood=(kinds[used[live]] != EYE).astype(np.float32),
+        blood=(flushing & (kinds[used] != EYE))[live].astype(np.float32),
         depths=np.zeros(count, np.float32),
     )
 

@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from render import cameras, wrinkles
+from render import cameras, tongue_light, wrinkles
 from render.avatars.maker import GEOMETRY_UNIT_MM, Maker
 from render.decoder import beard, mesh_parts
 from render.decoder.decoder import Decoder
@@ -93,9 +93,11 @@ class Judge:
         sums, rest_sums = (around.normals(v)[1] for v in (vertices, who.rest.geometry))
         colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums))
         self._dress(who)
+        seen, tongue = np.ascontiguousarray(light.T), self.assembly.posing.tongue
+        tongue_light.light_tongue(vertices, who.rest.geometry, tongue, tongue, seen)
         lids = self.assembly.posing.openings(vertices)
         return self._mesh.draw(
-            vertices, self.assembly.normals(vertices), colors, light, camera,
+            vertices, self.assembly.normals(vertices), colors, seen.T, camera,
             folds=wrinkles.amounts(rig, self._folds), lids=lids,
         )  # fmt: skip
 

@@ -14,7 +14,7 @@ from render.training.data import people
 from render.training.data.face_data import SKIN_VERTICES
 from render.training.data.people import Skin
 from render.training.fitting.wardrobe import Wardrobe
-from render.training.geometry import beard, hair
+from render.training.geometry import beard, hair, hem, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
 from render.training.look import brows, clothes, hairline, lids
@@ -98,6 +98,7 @@ RECIPES = {
                    Brows(440, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
 }  # fmt: skip
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
+UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
 
 
@@ -111,6 +112,7 @@ def make(
     modes = people.leaning_to(face, modes, recipe.feminine)
     bare = people.relaxed(face, modes)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
+    dressed = teeth.set_back(face, dressed)
     first, second, mix = recipe.skins
     person = people.VirtualPerson(
         modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.full(3, recipe.tone, np.float32),
@@ -123,7 +125,7 @@ def make(
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
     who = maker.identity(name, dressed, wardrobe.texture(person), wardrobe.eye(recipe.eye), cover)
-    albedo = calm_eyes(maker, who)
+    albedo = calmed(assembly, maker, who)
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     strands = [
@@ -165,15 +167,18 @@ def make(
     cloth = clothes.cover(face.neutral, maker.surface)
     albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
     gloss = who.gloss * (1 - cloth)
-    return replace(who, albedo=albedo, gloss=gloss)
+    seen, used = who.visibility, maker.surface.used
+    edge = hem.threads(assembly, vertices, used, seen, recipe.shirt, rng)
+    return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, edge]))
 
 
-def calm_eyes(maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
-    """The albedo without blots in the corners of the eyes."""
+def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
+    """The albedo without blots in the corners of the eyes and under the nose."""
     posing, head = maker.posing, maker.surface
     on_eye = np.isin(head.used, np.concatenate(posing.eyeballs)).astype(np.float32)
     skin = head.interpolate @ on_eye < 0.01
     edges = [who.geometry[np.concatenate([e.upper, e.lower])] for e in posing.lid_lines]
+    edges.append(who.geometry[assembly.face.landmarks[UNDER_NOSE]])
     return lids.calmed(who.albedo, head.interpolate @ who.geometry[head.used], skin, edges)
 
 

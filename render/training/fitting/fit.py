@@ -87,7 +87,8 @@ class Studio:
         bare = make_surface(assembly, anchors)
         widths = np.maximum(bare.scales * WIDTH, reach(assembly, anchors))
         kinds, r = assembly.kinds[anchors.triangles], face.regions
-        edges = np.concatenate([r[k] for k in ("eyelids", "lips", "inner_mouth_lip_roll")])
+        lips = np.concatenate([r["lips"], r["inner_mouth_lip_roll"]])
+        edges = np.concatenate([r["eyelids"], lips])
         rest = assembly.posing.rest(face.neutral)
         thick = density.thick(bare, rest.geometry, kinds, r["narrow_face"], edges)
         reached = face.faces[anchors.triangles]
@@ -99,8 +100,8 @@ class Studio:
         self.widths = bare.scales
         self.opacities = np.full(len(kinds), OPACITY, np.float32)
         widths, self._shown = cover(
-            *(bare, self.opacities, kinds, edges, r["narrow_face"], assembly.posing),
-            rest.geometry,
+            *(bare, self.opacities, kinds, r["eyelids"], lips, r["narrow_face"]),
+            *(assembly.posing, rest.geometry),
         )
         self.surface = replace(bare, scales=widths)
         self.gloss, self.roughness = mirrors(assembly, anchors, wardrobe)

@@ -26,7 +26,7 @@ REGION = {"narrow_face": 4.6, "lips": 1.9, "eyelids": 2.2, "brows": 1.2}  # fact
 NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the mean face
 COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
 MOUTH_BAG = 0.12
-TEETH, GUMS = 0.092, 0.058  # of all Gaussians, see mouth_anchors.py
+TEETH, GUMS, TONGUE = 0.092, 0.058, 0.013  # of all Gaussians, see mouth_anchors.py
 WIDTH = 0.70  # standard deviation, in units of 1 / sqrt(density), before the fit
 # What can come to light: an open mouth, bared teeth, closed eyes, a raised tongue.
 POSES: tuple[dict[str, float], ...] = (
@@ -64,18 +64,22 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
     neckline = np.abs(clothes.height(corners.mean(1))) < COLLAR_MM
     density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
     density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
-    gums = np.isin(face.faces, face.regions["gums"]).all(1)
-    density[gums | (assembly.kinds == mesh_parts.TEETH) | (assembly.kinds < 0)] = 0
+    gums, tongue = (np.isin(face.faces, face.regions[r]).all(1) for r in ("gums", "tongue"))
+    density[gums | tongue | (assembly.kinds == mesh_parts.TEETH) | (assembly.kinds < 0)] = 0
     for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
         inside = np.isin(face.faces, eye).all(1)
         density[inside & (corners[:, :, 2].mean(1) < face.neutral[eye, 2].mean() - 4)] = 0
-    density *= (1 - TEETH - GUMS) * count / (area * density).sum()
+    density *= (1 - TEETH - GUMS - TONGUE) * count / (area * density).sum()
     triangles, barycentric = scatter(corners, normals, area, density, rng)
     anchors = Anchors(triangles, barycentric, (WIDTH / np.sqrt(density[triangles])).astype("f4"))
     anchors = _keep(anchors, visible(assembly, anchors))
     inside = [
         Anchors(*mouth_anchors.place(assembly, on, int(share * len(anchors.triangles)), seed))
-        for on, share in ((mouth_anchors.crowns, TEETH), (mouth_anchors.gums, GUMS))
+        for on, share in (
+            (mouth_anchors.crowns, TEETH),
+            (mouth_anchors.gums, GUMS),
+            (mouth_anchors.tongue, TONGUE),
+        )
     ]
     parts = (vars(part).values() for part in (anchors, *inside))
     return Anchors(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
@@ -128,6 +132,7 @@ def surface(assembly: Assembly, anchors: Anchors) -> Surface:
         drawn=np.flatnonzero(assembly.kinds >= 0).astype(np.int32),
         kinds=assembly.vertex_kinds,
         blood=face.regions["narrow_face"],
+        tongue=assembly.posing.tongue,
         triangles=anchors.triangles,
         weights=anchors.barycentric,
         widths=anchors.scales,

@@ -18,6 +18,9 @@ from render.types import Floats
 
 TONGUE_NAMES = ("tongueTipUp", "tongueBackUp")  # inside the mouth; the face data has neither
 LID_REACH_MM = 21.0  # skin this near the eye's centre slides on the eyeball
+# A raised tip: to the edge of the upper teeth, and over that of the lower ones.
+TIP_MM = -44.0, -38.0  # heights of the underside and the top of the tip at rest, and how ...
+TIP_UP_MM, TIP_FORWARD_MM = (7.0, 11.0), 9.0  # ... far they rise
 SMALLEST_MM = 0.05  # displacements below it are left out of the basis
 
 
@@ -137,16 +140,19 @@ def posing(face: FaceData) -> Posing:
 
 
 def tongue(face: FaceData) -> Floats:  # [2, V, 3] mm
-    """Tip up (as for /l t d n/) and back up (as for /k g/): rule-made, along the tongue."""
+    """Tip up (as for /l t d n/, and between the teeth for /th/) and back up (as for /k g/):
+    rule-made, along the tongue."""
     members = face.regions["tongue"]
     points = face.neutral[members]
     z = points[:, 2]
     along = (z - z.min()) / (z.max() - z.min())  # 0 at the root, 1 at the tip
     # The underside stays: only what lies above the middle of its cross-section moves fully.
     top = np.clip((points[:, 1] - np.percentile(points[:, 1], 20)) / 6.0, 0.25, 1.0)
-    tip = np.clip((along - 0.55) / 0.45, 0, 1) ** 2
+    tip = np.clip((along - 0.55) / 0.45, 0, 1) ** 1.6
+    above = np.clip((points[:, 1] - TIP_MM[0]) / (TIP_MM[1] - TIP_MM[0]), 0, 1)
     back = np.exp(-(((along - 0.35) / 0.18) ** 2))
     out = np.zeros((2, len(face.neutral), 3), np.float32)
-    out[0, members, 1], out[0, members, 2] = 11.0 * tip, -3.0 * tip
+    out[0, members, 1] = tip * (TIP_UP_MM[0] + above * (TIP_UP_MM[1] - TIP_UP_MM[0]))
+    out[0, members, 2] = TIP_FORWARD_MM * tip
     out[1, members, 1], out[1, members, 2] = 9.0 * back * top, -1.5 * back
     return out

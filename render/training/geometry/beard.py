@@ -45,7 +45,7 @@ def area(assembly: Assembly, used: NDArray[np.int32], cheeks: float = 1.0) -> Fl
     """Where a beard grows: from the sideburns down to the jaw's edge and along the upper lip."""
     v = assembly.face.neutral
     x, y, z = np.abs(v[used, 0]), v[used, 1], v[used, 2]
-    lips = np.isin(used, assembly.face.regions["lips"])
+    lips = np.isin(used, bare(assembly))
     upper = -14 + 0.55 * np.clip(x - 30, 0, None) - 0.3 * np.clip(30 - x, 0, 12)
     lower = -112 + 0.75 * np.clip(x - 15, 0, None)  # the throat stays clear
     soft = np.clip((upper - y) / 10, 0, 1) * np.clip((y - lower) / 14, 0, 1)
@@ -54,6 +54,12 @@ def area(assembly: Assembly, used: NDArray[np.int32], cheeks: float = 1.0) -> Fl
     soft *= 1 - 0.8 * cheek * np.clip((72 - x) / 16, 0, 1)
     soft *= 1 - (1 - cheeks) * np.clip((x - 22) / 10, 0, 1)
     return soft.astype(np.float32)
+
+
+def bare(assembly: Assembly) -> NDArray[np.int32]:
+    """Vertices of the lips and behind them: no strand stands on a triangle that touches these."""
+    names = "lips", "inner_mouth_lip_roll", "mouth_socket"
+    return np.concatenate([assembly.face.regions[name] for name in names])
 
 
 def where(assembly: Assembly, maker: Maker) -> Floats:  # [N]
@@ -124,6 +130,7 @@ def _roots(
     skin = assembly.face.faces[assembly.kinds == mesh_parts.SKIN]
     share = np.clip(FULL * cover[skin].mean(1), 0, 1)
     share *= np.clip((vertices[skin, 2].mean(1) - EARS_MM) / 18, 0, 1)
+    share[np.isin(skin, bare(assembly)).any(1)] = 0
     skin, share = skin[share > 0.02], share[share > 0.02]
     a, b, c = (vertices[skin[:, k]] for k in range(3))
     weight = share * np.linalg.norm(np.cross(b - a, c - a), axis=1)

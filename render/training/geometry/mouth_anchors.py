@@ -1,9 +1,9 @@
-"""Where the Gaussians of teeth and gums go: on what an open mouth shows, dense and narrow.
+"""Where the Gaussians of teeth, gums and tongue go: on what an open mouth shows, dense and narrow.
 
 Teeth are single, with dark between them: a Gaussian of millimetres on the side of a tooth would
 fill the gap and hang below its edge. So only crowns have Gaussians, on their fronts and along the
 edges that bite; roots lie in the gums, backs are closed by the fronts. Gums are dense where they
-end at the crowns.
+end at the crowns, the tongue is at its tip, which comes to the teeth.
 """
 
 from collections.abc import Callable
@@ -23,6 +23,7 @@ EDGE_MM = 0.9  # along the edge that bites
 FACING = 0.2  # cosine to the way out of the arch
 FRONT_MM, BACK_MM, BACK_SHARE = 92.0, 72.0, 0.25  # incisors, molars: their share of the density
 GUM_REACH_MM, GUM_FRONT = 5.0, 14.0  # from the crowns; how much denser
+ROOT_MM, TIP_MM, TIP_DENSER = 55.0, 92.0, 6.0  # of the tongue: not seen, most seen
 WIDTH = 0.72  # standard deviation, in units of the distance to the neighbours
 SPARE = 1.04  # thrown, of those that are kept
 
@@ -83,6 +84,14 @@ def gums(assembly: Assembly) -> Floats:  # [F]
     shown = near & (_facing(assembly, rows) > 0)
     out[rows] = np.where(shown, GUM_FRONT, 1) * _towards_front(middles[rows])
     return out
+
+
+def tongue(assembly: Assembly) -> Floats:  # [F]
+    """Density on the tongue."""
+    face = assembly.face
+    rows = np.isin(face.faces, face.regions["tongue"]).all(1)
+    share = np.clip((face.neutral[face.faces].mean(1)[:, 2] - ROOT_MM) / (TIP_MM - ROOT_MM), 0, 1)
+    return np.where(rows & (share > 0), 1 + TIP_DENSER * share**3, 0).astype(np.float32)
 
 
 def _facing(assembly: Assembly, rows: NDArray[np.integer]) -> Floats:  # [n] -> [n]

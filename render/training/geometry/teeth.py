@@ -1,4 +1,4 @@
-"""Teeth: how their light is read from the map of the light decoder.
+"""Teeth: how their light is read from the map of the light decoder; how far they are behind lips.
 
 In the map many teeth lie on the same texels, so the network can only learn their mean: a smile
 would show grey teeth, one brighter than the next. The light on a tooth follows from that around it
@@ -9,11 +9,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
+from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.types import Floats
 
 TEXELS = 12
 RIDGE = 1e-3  # share of the mean variance of a texel
+BEHIND_MM, MOST_MM, NEAR, FRONT_MM = 4.0, 4.0, 3, 60.0
 TARGETS = 12  # principal components of the teeth's light that choose the texels
 
 
@@ -49,3 +52,19 @@ def light(
         "teeth_texels": candidates[chosen].astype(np.int32),
         "teeth_light": weights.astype(np.float16),
     }
+
+
+def set_back(face: FaceData, vertices: Floats) -> Floats:  # [V, 3] mm, [V, 3] mm
+    """A head whose teeth and gums lie BEHIND_MM behind the skin around its mouth, at rest: a thin
+    lip that a smile draws over nearer ones lets them through."""
+    regions, skin = face.regions, np.arange(SKIN_VERTICES)
+    inner = np.concatenate([regions["mouth_socket"], regions["inner_mouth_lip_roll"]])
+    skin = skin[~np.isin(skin, inner) & (vertices[skin, 2] > FRONT_MM)]
+    upper = np.concatenate([regions["teeth_upper"], regions["gums"]])
+    upper = upper[vertices[upper, 1] > vertices[regions["lips_upper"], 1].mean()]
+    near = np.asarray(KDTree(vertices[skin, :2]).query(vertices[upper, :2], k=NEAR)[1])
+    clear = float((vertices[skin[near], 2].mean(1) - vertices[upper, 2]).min())
+    out = vertices.copy()
+    inside = np.union1d(regions["teeth"], regions["gums_tongue"])
+    out[inside, 2] -= np.clip(BEHIND_MM - clear, 0, MOST_MM)
+    return out

@@ -1,4 +1,4 @@
-"""The skin around the eyes: as the cheek in hue, not as a texture's wet corners."""
+"""The skin around eyes and nostrils: as the cheek in hue, not as a texture's wet corners."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ def calmed(
     albedo: Floats,  # [n, 3] stored
     points: Floats,  # [n, 3] mm
     skin: NDArray[np.bool_],  # [n] and no eyeball
-    edges: list[Floats],  # [m, 3] mm, the edges of each eye's lids
+    edges: list[Floats],  # [m, 3] mm each: the edges of an eye's lids, the nostrils
 ) -> Floats:  # [n, 3]
     """The albedo with the hue of the skin around: texture maps have red and yellow blots in the
     corners of the eyes. Brightness stays."""

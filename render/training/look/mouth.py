@@ -11,7 +11,7 @@ CROWN, NECK = (0.80, 0.735, 0.63), (0.70, 0.61, 0.48)  # linear: cool edge, warm
 UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
 ARCH_MM = 74.0  # the middle of the arch of teeth
 SIDE, SHARP = np.array([0.34, 0.42, 0.52]), 6  # how much darker a tooth is beside the next one
-GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.50, 0.21, 0.20), (0.34, 0.12, 0.11)
+GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
 
 
 def colors(face: FaceData) -> Floats:  # [V, 3] stored

@@ -107,11 +107,12 @@ def test_ears_and_nape_have_no_holes(decoder, tiles):
     off_face = np.flatnonzero(decoder.surface.interpolate @ face == 0)
     cloud.colors[:] = 0
     cloud.colors[off_face] = 1
+    cloud.opacities[len(decoder.opacities) :] = 0  # strands, and those of the shirt's hem
     camera = replace(cameras.portrait(400, 400, yaw_deg=100), background=(0.0, 0.0, 0.0))
     tiles.draw(cloud, camera)
     picture = tiles.read_rgba()[..., 0] / 255
     tiles.draw(replace(cloud, scales=3 * cloud.scales), camera)
-    inside = binary_erosion(tiles.read_rgba()[..., 0] > 250, iterations=8)
+    inside = binary_erosion(tiles.read_rgba()[..., 0] > 250, iterations=16)
     assert inside.sum() > 20_000
     assert np.quantile(picture[inside], 0.01) > 0.65
 

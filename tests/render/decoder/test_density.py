@@ -37,8 +37,37 @@ def test_they_are_an_even_half(decoders):
     apart = KDTree(points[stays]).query(points[stays], k=2)[0][:, 1]
     by_chance = KDTree(points[:1900]).query(points[:1900], k=2)[0][:, 1]
     assert np.quantile(apart, 0.02) > 4 * np.quantile(by_chance, 0.02)
-    for preset, count in (("16k", 16_000), ("32k", 32_768), ("65k", 64_674)):
+    for preset, count in (("16k", 16_000), ("32k", 32_768), ("65k", 64_831)):
         assert (decoders[preset].surface.depths == 0).sum() == count
+
+
+def test_eyes_lips_and_nostrils_keep_more_of_theirs(decoders):
+    """People look at them; no layer closes their gaps."""
+
+    def kept(members, none=False):
+        left = []
+        for preset in ("65k", "32k"):
+            head = decoders[preset].surface
+            share = head.interpolate @ np.isin(head.used, members).astype(np.float32)
+            on = (share == 0) if none else (share > 0.99)
+            left.append((on & (head.depths == 0)).sum())
+        return left[1] / left[0]
+
+    regions = decoders["32k"].regions
+    neck = np.concatenate([regions["narrow_face"], np.arange(11_000, 30_000)])  # all but that
+    assert kept(np.concatenate(decoders["32k"].eyeballs)) > 0.95
+    assert kept(regions["lips"]) > 0.7 > 0.5 > kept(neck, none=True)
+
+
+def test_lips_have_no_holes(decoders):
+    for decoder in decoders.values():
+        head, lips = decoder.surface, decoder.regions["lips"]
+        mesh = prior_file.template(weights_file.load(weights_file.FOLDER / "prior", "prior")[0])
+        on = np.flatnonzero(head.interpolate @ np.isin(head.used, lips).astype("f4") > 0)
+        corners = head.whole.corners[np.isin(head.whole.corners, lips).all(1)]
+        middles = mesh[corners].mean(1)
+        apart, near = KDTree((head.interpolate @ mesh[head.used])[on]).query(middles)
+        assert (apart / head.scales[on][near]).max() < 1.3
 
 
 def test_those_that_stay_take_over_the_colours_of_their_neighbours(decoders):

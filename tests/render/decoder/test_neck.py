@@ -67,11 +67,13 @@ def test_neighbours_on_the_neck_stay_neighbours(decoder, turn) -> None:  # type:
 def test_hair_and_beard_follow(decoder: Decoder) -> None:
     head = turned(0, 30, 0)
     who = identity.load("hugo")
-    assert len(who.beard)
+    roots = who.geometry[who.beard.corners[:, 0], 1]
+    assert (roots > -90).sum() > 5000 and roots.min() < -100  # beard, and the hem of the shirt
     rest, now = (
         skin(decoder, "hugo", pose).means[-len(who.beard) :] for pose in (HeadPose(), head)
     )
-    assert np.linalg.norm(now - rest, axis=1).min() > 1
+    moved = np.linalg.norm(now - rest, axis=1)
+    assert moved[roots > -90].min() > 1
     who = identity.load("lena")
     rest, now = skin(decoder, "lena", HeadPose()), skin(decoder, "lena", head)
     last = len(rest) - len(who.beard)
@@ -102,6 +104,7 @@ def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
     normals = surface.whole.normals(who.geometry)[0] @ matrix.T.astype(np.float32)
     seen = decoder.visibility(STILL, who)
     seen[:2, decoder.teeth] = scattered(seen[:2, decoder.teeth])
+    decoder.tongue_light.fill(who.geometry, who.geometry, seen)
     light = surface.interpolate @ STUDIO.shade(normals, seen.T)
     expected = developed((decoder.shares @ who.albedo) ** 2 * light)
     moving = np.zeros(len(surface.used), np.float32)
@@ -109,7 +112,7 @@ def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
         1  # live skin is not quite at rest in a face at rest: its lips are parted
     )
     still = (along(decoder, "ben") > 0.99999) & (surface.interpolate @ moving == 0)
-    assert still[decoder.interior].sum() > 1000 and still.sum() > 5000
+    assert still[decoder.interior].sum() > 1000 and still.sum() > 4000
     found = cloud.colors[: len(expected)]
     np.testing.assert_allclose(found[still], expected[still], atol=1e-3)
 

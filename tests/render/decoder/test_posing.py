@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
+from render.avatars import sheet
 from render.avatars.sheet import gaze
 from render.decoder import identity, posing
 from render.decoder.decoder import Decoder
@@ -188,3 +190,60 @@ def test_light_follows_the_expression(decoder):
     np.testing.assert_allclose(still, who.visibility, atol=1e-6)
     opened = decoder.visibility(decoder.encode(rig_of(decoder, jawOpen=0.8)), who)
     assert opened[0, tongue].mean() > still[0, tongue].mean() + 0.008
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_no_gum_comes_through_a_smiling_lip(decoder, name):
+    who = identity.load(name)
+    _, cloud = decoder.decode(sheet.code(decoder, sheet.MOODS["happy"][0]), AHEAD, who)
+    means = cloud.means[: len(decoder.opacities)]
+    skin = np.setdiff1d(np.arange(len(means)), decoder.interior)
+    skin = skin[(means[skin, 2] > 80) & (np.abs(means[skin, 0]) < 30)]
+    upper = means[decoder.interior]
+    upper = upper[(np.abs(upper[:, 0]) < 15) & (upper[:, 2] > 80)]
+    apart, near = KDTree(means[skin, :2]).query(upper[:, :2], k=4)
+    before = means[skin][near, 2].max(1)
+    assert (upper[:, 2] - before)[apart.max(1) < 2].max() < 0.5
+
+
+@pytest.mark.parametrize("name", ["hugo", "kofi"])
+def test_no_beard_grows_behind_the_lips(decoder, name):
+    who = identity.load(name)
+    rig = rig_of(decoder, mouthFunnel=1.0, jawOpen=0.3)
+    posed = decoder.posing.pose(rig, AHEAD, who.rest)
+    means, quats = (np.empty((len(who.beard), n), np.float32) for n in (3, 4))
+    who.beard.attach(posed, means, quats)
+    opening = decoder.posing.mouth.between_sides(posed, means)
+    behind = means[:, 2] < posed[decoder.posing.mouth.upper, 2].mean()
+    assert not (opening & behind).any()
+
+
+@pytest.mark.parametrize("name", identity.names())
+def test_a_shirt_has_a_hem_all_around(decoder, name):
+    who = identity.load(name)
+    roots = (who.geometry[who.beard.corners] * who.beard.shares[..., None]).sum(1)
+    hem = roots[roots[:, 1] < -95]
+    turn = np.sort(np.arctan2(hem[:, 0], hem[:, 2] - hem[:, 2].mean()))
+    assert np.degrees(np.diff(turn).max()) < 14
+
+
+def test_a_tongue_at_the_teeth_is_lit(decoder):
+    """And the nearer it is to them, the more; what sees more is left as it is."""
+    who, light = identity.load("ben"), decoder.tongue_light
+    names = np.zeros(COLUMNS, np.float32)
+    names[decoder.rig_names.index("jawOpen")] = 0.15
+    raised = names.copy()
+    raised[53] = 1  # its tip
+    tips, lit = [], []
+    for rig in (names, raised):
+        posed = decoder.posing.pose(rig, AHEAD, who.rest)
+        seen = np.full((4, len(decoder.surface.used)), 0.05, np.float32)
+        light.fill(posed, who.geometry, seen)
+        tips.append(posed[light.vertices, 2].max())
+        lit.append(seen[:2, light.rows].max())
+        assert (seen[2:] == np.float32(0.05)).all()
+    upper = who.geometry[decoder.posing.mouth.upper, 2].max()
+    assert tips[0] + 6 < tips[1] < upper and lit[0] < 0.35 < 0.6 < lit[1] < 0.9
+    seen = np.ones((4, len(decoder.surface.used)), np.float32)
+    light.fill(who.geometry, who.geometry, seen)
+    assert (seen[:, light.rows] == 1).all()
