@@ -53,8 +53,11 @@ class Mouth:
     def widened(self, truth: Tensor, gain: float) -> Tensor:
         """Map [MOUTH, MOUTH] that scales the width of the lips by `gain` at the same opening, along
         the direction in which true mouths [N, MOUTH] widen."""
+        return torch.eye(MOUTH) + (gain - 1) * self.lips[:, 1:] * self.ways(truth)[1]
+
+    def ways(self, truth: Tensor) -> Tensor:
+        """[2, MOUTH]: how true mouths [N, MOUTH] open by one mm without widening, and widen by one
+        without opening; the tongue stays."""
         spans = self.spans(truth)
         ways = torch.linalg.lstsq(spans - spans.mean(0), truth - truth.mean(0)).solution
-        way = ways[1]  # [M] widens by one mm and opens by none
-        way = way - way @ self.tongue @ torch.linalg.pinv(self.tongue)  # the tongue stays
-        return torch.eye(MOUTH) + (gain - 1) * self.lips[:, 1:] * way
+        return ways - ways @ self.tongue @ torch.linalg.pinv(self.tongue)

@@ -24,6 +24,7 @@ from encoder.training import loop
 from encoder.training.checkpoints import load_encoder
 from encoder.training.geometry import NEAR_FRAMES, TrainingFace
 from encoder.training.mouth import Mouth
+from encoder.training.opening_line import OpeningLine
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale, new_head
@@ -47,10 +48,11 @@ class ListenConfig:
     # above 0.5 Hz | with babble): .4 .77 .65 | .67 .51, .2 .77 .66 | .67 .54, 0 .77 .66 | .67 .55;
     # the more, the nearer to rule-made motion
     share: float = 0.25
-    gain: float = 1.17  # of both: a mean of predictions moves less than people do
+    gain: float = 1.32  # of both: a mean of predictions moves less than people do
     width_gain: float = 1.4  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
+    line: float = 0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600
@@ -67,7 +69,7 @@ class ListenConfig:
     span_weight: float = 1.0  # of the lips' opening and width
     tongue_weight: float = 1.0
     voice_weight: float = 4.0
-    miss_weight: float = 4.5  # of lips that are not shut for p, b and m
+    miss_weight: float = 5.5  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
     idle_weight: float = 4.0  # of what it moves elsewhere
@@ -92,6 +94,7 @@ class Listener:
     student: Denoiser
     mouth: Mouth
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
+    line: OpeningLine
     mix: Tensor  # [MOUTH, MOUTH]: gains
     rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
@@ -114,7 +117,8 @@ class Listener:
         sides = [there * (voiced == side) for side in (0, 1)]
         off = functional.binary_cross_entropy_with_logits(odds, voiced.clamp(0), reduction="none")
         result["voice"] = torch.stack([(off * s).sum() / s.sum().clamp(min=1) for s in sides]).sum()
-        mixed = config.share * own + (1 - config.share) * said.detach()
+        lined = self.line.beside(said.detach(), seen)
+        mixed = config.share * own + (1 - config.share) * lined
         voice = odds.detach().sigmoid()
         shown = voice[..., None] * (mixed @ self.mix)
         result |= self._contact(shown, voice, truth, phones, there, plain)
@@ -194,7 +198,8 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     )
     finish(listener, config)
     names = (
-        "share", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises", "steps",
+        "share", "line", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises",
+        "steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}
@@ -214,7 +219,8 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
     mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
-    return Listener(direct, contact, student, mouth, scale, mix, rarity)
+    line = OpeningLine.of(pieces, scale, config.without, config.line)
+    return Listener(direct, contact, student, mouth, scale, line, mix, rarity)
 
 
 @torch.no_grad()
@@ -223,6 +229,7 @@ def finish(listener: Listener, config: ListenConfig) -> None:
     student's."""
     direct, (mean, spread) = listener.direct, listener.scale
     dim = direct.hear.in_features
+    listener.line.fold(direct)
     for layer in (direct.listen, direct.straight):
         fold_scale(layer, mean, spread)
     for layer in (direct.hear, listener.contact.listen):

@@ -17,13 +17,14 @@ from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
-from encoder.training.streams.augment import Crop, crop, not_speech
+from encoder.training.streams.augment import Crop, Noise, crop, not_speech
 from encoder.training.streams.streams import AHEAD, warped
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
 RARE = 3  # times as many versions of a talker who has few clips
 RULES_KEPT = 0.3  # share of rule-made clips that are heard, to save time
+OTHERS_DB = (6, 14)  # that other voices are below a plain clip
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
 
@@ -38,9 +39,12 @@ class Ears:
 
     @torch.no_grad()
     def hear(
-        self, sound: np.ndarray, gaze: np.ndarray, rng: np.random.Generator
+        self, sound: np.ndarray, gaze: np.ndarray, rng: np.random.Generator | None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """[800 T], [T, 6] -> log-odds [T, D], the student's codes [T, 256]."""
+        """[800 T], [T, 6] -> log-odds [T, D], the student's codes [T, 256].
+
+        rng: of the voice, which is another's; None: as it is.
+        """
         heard = torch.from_numpy(sound)[None]
         says = stacked(warped(self.phones, rng), heard)[0]
         noise = torch.randn(1, len(says), self.student.config.expression_dim)
@@ -77,6 +81,7 @@ class SpokenFrames:
     phones: np.ndarray  # [N] int8, -1 unknown
     voice: np.ndarray  # [N] str, the talker's, RULES or REST
     lengths: np.ndarray  # [C] int64 frames of the clips
+    plain: np.ndarray  # [N] bool: of few clips, phones known, undistorted but for other voices
 
 
 def hear_pack(
@@ -84,19 +89,22 @@ def hear_pack(
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
     path = pack / "spoken.npz"
-    recipe = f"{recipe} {seed} {versions} {noises} with tongue"
+    recipe = f"{recipe} {seed} {versions} {noises} with tongue and plain"
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
             if str(data["recipe"]) == recipe:
                 return SpokenFrames(*(data[name] for name in names))
     rows = []
-    for part, voice, rng in tqdm(_parts(pack, seed, versions, noises), "clips", mininterval=2):
+    for part, voice, rng, plain in tqdm(
+        _parts(pack, seed, versions, noises), "clips", mininterval=2
+    ):
         torch.manual_seed(int(rng.integers(1 << 62)))
-        heard, own = ears.hear(part.audio, part.gaze.reshape(-1, 6), rng)
+        heard, own = ears.hear(part.audio, part.gaze.reshape(-1, 6), None if plain else rng)
         rows.append([
             heard.astype(np.float16), own.astype(np.float16), _with_tongue(part).astype(np.float16),
             part.phones.astype(np.int8), np.full(len(heard), voice), np.array([len(heard)]),
+            np.full(len(heard), plain),
         ])  # fmt: skip
     spoken = SpokenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
     np.savez(path, recipe=np.array(recipe), **vars(spoken))
@@ -105,21 +113,23 @@ def hear_pack(
 
 def _parts(
     pack: Path, seed: int, versions: int, noises: int
-) -> Iterator[tuple[Crop, str, np.random.Generator]]:
-    """Each clip as often as it is used, and sounds without a voice; with the talker of each."""
+) -> Iterator[tuple[Crop, str, np.random.Generator, bool]]:
+    """Each clip as often as it is used, sounds without a voice, and clips of those who have few,
+    plain; with the talker of each and whether it is plain."""
     everything = list(iter_pack(pack, "train"))
     clips = [clip for clip in everything if clip.truth in ("tracked", *_WHO)]
     crowd = Crowd([c.audio for c in everything if c.truth in ("rules", "envelope")])
     voices = [clip.voice for clip in clips if clip.truth == "tracked"]
     most = max((voices.count(voice) for voice in set(voices)), default=1)
+    rare = {voice for voice in voices if voices.count(voice) < most / 4}
+    few = [c for c in clips if c.voice in rare and c.truth == "tracked" and (c.phones >= 0).any()]
     for index, clip in enumerate(clips):
         rng = np.random.default_rng([seed, index])
-        rare = clip.truth == "tracked" and voices.count(clip.voice) < most / 4
-        count = RARE * versions if rare else versions
+        count = RARE * versions if clip.voice in rare and clip.truth == "tracked" else versions
         if clip.truth == "rules":
             count = int(rng.random() < RULES_KEPT)
         for _ in range(count):
-            yield _cropped(clip, crowd, rng), _WHO.get(clip.truth, clip.voice), rng
+            yield _cropped(clip, crowd, rng), _WHO.get(clip.truth, clip.voice), rng, False
     for index in range(noises):
         rng = np.random.default_rng([seed, len(clips) + index])
         sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
@@ -127,7 +137,13 @@ def _parts(
         rig, tongue = (np.zeros((LONGEST, n), np.float32) for n in (clips[0].rig.shape[1], 3))
         silent = np.zeros(LONGEST, np.int64)
         part = Crop(audio=sound, clean=sound, rig=rig, tongue=tongue, gaze=gaze, phones=silent)
-        yield part, REST, rng
+        yield part, REST, rng, False
+    many = [c.audio for c in clips if c.truth == "tracked" and c.voice not in rare]
+    same = Crowd(many) if many else crowd  # words and pauses like theirs
+    for index, clip in enumerate(few):
+        rng = np.random.default_rng([seed, len(clips) + noises + index])
+        for others in (None, same.talk):
+            yield _plain(clip, others, rng), clip.voice, rng, True
 
 
 def _with_tongue(part: Crop) -> np.ndarray:
@@ -135,6 +151,20 @@ def _with_tongue(part: Crop) -> np.ndarray:
     out, tip, back = part.tongue.T
     tip = np.maximum(tip, np.minimum(2 * out, 1))
     return np.concatenate([part.rig, np.stack([tip, back], 1)], 1)
+
+
+def _plain(clip: Clip, others: Noise | None, rng: np.random.Generator) -> Crop:
+    """A whole clip as it was recorded, or with other voices below it."""
+    clean = clip.audio.astype(np.float32) / 32768
+    heard = clean
+    if others is not None:
+        level = clean.std() * 10 ** (-rng.uniform(*OTHERS_DB) / 20)
+        heard = clean + level * others(len(clean), rng).astype(np.float32)
+    return Crop(
+        audio=heard, clean=clean, rig=clip.rig.astype(np.float32),
+        tongue=clip.tongue.astype(np.float32), gaze=clip.gaze.astype(np.float32),
+        phones=clip.phones.astype(np.int64),
+    )  # fmt: skip
 
 
 def _cropped(clip: Clip, crowd: Crowd, rng: np.random.Generator) -> Crop:

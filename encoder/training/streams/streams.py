@@ -84,11 +84,12 @@ WARPS = (0.85, 1.17)  # of the vocal tract's length, as heard
 WARPED = 0.6  # share of streams
 
 
-def warped(encoder: AudioEncoder, rng: np.random.Generator) -> AudioEncoder:
-    """The encoder for this stream: it hears all voices with a changed vocal tract."""
+def warped(encoder: AudioEncoder, rng: np.random.Generator | None) -> AudioEncoder:
+    """The encoder for this stream: it hears all voices with a changed vocal tract; without rng, as
+    they are."""
     for part in (encoder, encoder.second):
         if part is not None and part.spectrum:
-            warp = float(rng.uniform(*WARPS)) if rng.random() < WARPED else 1.0
+            warp = float(rng.uniform(*WARPS)) if rng and rng.random() < WARPED else 1.0
             bank = torch.from_numpy(part.spectrum.config.bank(warp))
             part.spectrum.bank.copy_(bank)
     return encoder

@@ -21,6 +21,7 @@ from encoder.inference import WEIGHTS, load_networks, load_student
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
+from encoder.training.opening_line import OpeningLine
 from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
 from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
@@ -49,8 +50,9 @@ def spoken(voices: dict[str, int], dim: int = 7) -> SpokenFrames:
     whose = np.repeat(list(voices), list(voices.values()))
     lengths = np.array(list(voices.values()))
     return SpokenFrames(
-        heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths
-    )
+        heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths,
+        np.isin(whose, ["anna", "ben"]),
+    )  # fmt: skip
 
 
 def untrained() -> tuple[Denoiser, SpokenPieces]:
@@ -75,7 +77,8 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     heard, x0 = 3 * noise(2, 9, 7), noise(2, 9, 256)
     seen = (torch.cat([heard, heard.sigmoid()], -1) - listener.scale[0]) / listener.scale[1]
     mouth, codes = listener.mouth, student.unstandardise(x0)
-    mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * listener.direct.said(seen)
+    said = listener.line.beside(listener.direct.said(seen), seen)
+    mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said
     voice = listener.direct.voiced(seen[..., :7]).sigmoid()
     wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
     moved = listener.contact.moved_mm(student.standardise(wanted), seen[..., :7])
@@ -177,6 +180,23 @@ def test_other_people_talk_below_the_talker() -> None:
         for k in range(40)
     ]
     assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
+
+
+def test_the_opening_line_knows_nobody_who_is_left_out() -> None:
+    frames = spoken({"anna": 60, "ben": 60, RULES: 30})
+    scale = torch.zeros(14), torch.ones(14)
+
+    def line() -> OpeningLine:
+        pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=20, rules=0.3, rest=0.3)
+        return OpeningLine.of(pieces, scale, ("anna",), 0.5)
+
+    before = line()
+    frames.heard[:60] *= 3
+    torch.testing.assert_close(line().weight, before.weight)
+    frames.heard[60:120] *= 3
+    assert not torch.allclose(line().weight, before.weight, rtol=0.1)
+    frames.plain[:] = False
+    np.testing.assert_allclose(line().way, 0)  # nobody is left: the network alone
 
 
 @torch.no_grad()
