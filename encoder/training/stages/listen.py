@@ -24,10 +24,10 @@ from encoder.training import loop
 from encoder.training.checkpoints import load_encoder
 from encoder.training.geometry import NEAR_FRAMES, TrainingFace
 from encoder.training.mouth import Mouth
-from encoder.training.opening_line import OpeningLine
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale, new_head
+from encoder.training.streams.opening_line import OpeningLine
 from encoder.training.streams.pieces import SpokenPieces, phone_weights
 from encoder.training.streams.spoken import Ears, hear_pack
 
@@ -52,7 +52,9 @@ class ListenConfig:
     width_gain: float = 1.4  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
-    line: float = 0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
+    line: float = (
+        0.5  # of how far lips are apart, as a straight line says it (streams/opening_line.py)
+    )
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600

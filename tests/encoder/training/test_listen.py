@@ -21,9 +21,9 @@ from encoder.inference import WEIGHTS, load_networks, load_student
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
-from encoder.training.opening_line import OpeningLine
 from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
+from encoder.training.streams.opening_line import OpeningLine
 from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError

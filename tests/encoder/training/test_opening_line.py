@@ -5,7 +5,7 @@ import torch
 
 from encoder.denoiser.config import MOUTH
 from encoder.denoiser.direct import Direct
-from encoder.training.opening_line import OpeningLine, fit_line
+from encoder.training.streams.opening_line import OpeningLine, fit_line
 
 
 def noise(seed: int, *shape: int) -> torch.Tensor:
