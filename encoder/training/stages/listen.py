@@ -53,7 +53,7 @@ class ListenConfig:
     hidden: int = 256
     contact: int = 32
     line: float = (
-        0.5  # of how far lips are apart, as a straight line says it (streams/opening_line.py)
+        0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
     )
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
