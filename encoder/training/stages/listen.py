@@ -52,9 +52,7 @@ class ListenConfig:
     width_gain: float = 1.4  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
-    line: float = (
-        0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
-    )
+    line: float = 0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600
