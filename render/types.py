@@ -20,6 +20,8 @@ U32, U64 = NDArray[np.uint32], NDArray[np.uint64]
 
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)  # gaze of both eyes
 Density = Literal["16k", "32k", "65k"]  # Gaussians on a head, without its hair
+DENSITY: Density = "65k"  # of a head that has the machine for itself
+SHARED_DENSITY: Density = "32k"  # of one that is sent to a page, drawn for two eyes, or not alone
 DEFAULT_BACKGROUND = (0.16, 0.16, 0.16)
 
 

@@ -11,7 +11,7 @@ from tyro.conf import Positional, subcommand
 from app.avatars.pictures import Light, Pose, Sheet
 from app.terminal import confirm
 from app.terminal.arguments import File, Name
-from render.types import Density
+from render.types import DENSITY, Density
 
 
 @dataclass(kw_only=True)
@@ -44,7 +44,7 @@ class ShowAvatar:
     """Instead: random draws from the prior, and its main dimensions from -2 to 2 deviations."""
     background: str = "grey"
     """Background: grey, white, green, transparent or #rrggbb."""
-    gaussians: Density = "32k"
+    gaussians: Density = DENSITY
     """Gaussians of the head without hair."""
     stereo: bool = False
     """The views of both eyes of an onlooker side by side, the left eye's on the left."""
@@ -80,7 +80,7 @@ class TurnAvatar:
     """Length of the video."""
     light: Light = "studio"
     """Lighting."""
-    gaussians: Density = "65k"
+    gaussians: Density = DENSITY
     """Gaussians of the head without hair."""
 
     def run(self) -> None:

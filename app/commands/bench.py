@@ -8,7 +8,7 @@ from typing import Any, Literal
 from tyro.conf import Positional
 
 from app.terminal.arguments import File
-from render.types import Density
+from render.types import DENSITY, Density
 
 What = Literal[
     "tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers", "xr"
@@ -34,7 +34,7 @@ class Bench:
     """Avatar to drive."""
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
-    gaussians: Density = "32k"
+    gaussians: Density = DENSITY
     """Gaussians of the head without hair (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where the networks run."""

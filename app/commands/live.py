@@ -57,7 +57,9 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
     headless: bool = False
     """Open no window."""
 
-    def live_drive_settings(self, title: str, *, web_sound: bool = False) -> DriveSettings:
+    def live_drive_settings(
+        self, title: str, *, web_sound: bool = False, in_call: bool = False
+    ) -> DriveSettings:
         """All options as settings; without --headless there is a window. `web_sound`: partners are
         heard at the page."""
         if self.headless and self.window:
@@ -71,6 +73,7 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
             web_microphone=self.mic == "web",
             web_head=self.head in ("auto", "web"),
             web_sound=web_sound,
+            in_call=in_call,
         )
 
 

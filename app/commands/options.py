@@ -15,7 +15,7 @@ from app.compose.settings import (
 from app.sinks import table
 from app.terminal import confirm
 from app.terminal.arguments import File, Port, optional
-from render.types import Density
+from render.types import DENSITY, SHARED_DENSITY, Density
 from sensors.types import InputError
 
 
@@ -55,8 +55,9 @@ class DriveOptions:
     """Background: studio, grey, white, green, transparent or #rrggbb."""
     avatar: str = "ben"
     """Avatar to drive: a name from livedrive avatar list, or FILE.safetensors."""
-    gaussians: Density = "32k"
-    """Gaussians of the head without hair; fewer for a slow computer or a phone at --web."""
+    gaussians: Literal["auto", "16k", "32k", "65k"] = "auto"
+    """Gaussians of the head without hair; auto: 65k, with --web, with --xr and in calls 32k; 16k
+    for a slow computer or phone."""
     emotion: Annotated[str | None, optional("NAME[:INTENSITY]")] = None
     """Emotion that the face shows while speaking: happy, sad:0.7, happy:0.5+surprised:0.3,
     neutral. A replay shows the recorded one unless this is given."""
@@ -93,6 +94,12 @@ class DriveOptions:
             raise InputError(f"--xr: expected auto or headless, got {' '.join(self.xr)}; give one")
         return self.xr[0] if self.xr else "auto"
 
+    def _density(self, in_call: bool) -> Density:
+        if self.gaussians != "auto":
+            return self.gaussians
+        shared = in_call or self.web is not None or self.xr is not None
+        return SHARED_DENSITY if shared else DENSITY
+
     def settings(
         self,
         *,
@@ -103,6 +110,7 @@ class DriveOptions:
         web_microphone: bool = False,
         web_head: bool = False,
         web_sound: bool = False,
+        in_call: bool = False,
     ) -> DriveSettings:
         """These options as settings; raises InputError if they cannot be used."""
         confirm.overwriting(
@@ -110,7 +118,7 @@ class DriveOptions:
         )
         return DriveSettings(
             avatar=self.avatar,
-            gaussians=self.gaussians,
+            gaussians=self._density(in_call),
             emotion=self.emotion,
             clip=self.clip,
             listen=self.listen,

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal
 
 from app.drive import background
-from render.types import Density
+from render.types import DENSITY, Density
 from sensors.types import InputError
 
 MAX_SIZE = 4096  # px
@@ -68,7 +68,7 @@ class DriveSettings:
     be used."""
 
     avatar: str = "ben"
-    gaussians: Density = "32k"
+    gaussians: Density = DENSITY
     emotion: str | None = None  # words; None: those of the source
     clip: Path | None = None  # folder of a CLIP model, for other words
     listen: int | None = None  # UDP port for OSC messages that set the emotion

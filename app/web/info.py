@@ -3,7 +3,7 @@
 import ipaddress
 from dataclasses import dataclass
 
-from render.types import Density
+from render.types import SHARED_DENSITY, Density
 
 
 @dataclass(frozen=True)
@@ -13,7 +13,7 @@ class ServerInfo:
     host: str  # address to listen at
     port: int  # 0: any that is free
     avatar: str
-    gaussians: Density = "32k"
+    gaussians: Density = SHARED_DENSITY
     page: bool = True  # False: JSON only, for a `ws://` target
     microphone: bool = False  # the run listens to the page's microphone
     head: bool = False  # ... and to its headset

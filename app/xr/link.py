@@ -12,7 +12,7 @@ import numpy as np
 
 from app.process import memory
 from app.process.ring import Ring
-from render.types import Density
+from render.types import SHARED_DENSITY, Density
 from sensors.types import FACE_DIM
 
 Mode = Literal["auto", "headless"]
@@ -67,7 +67,7 @@ class XrInfo:
 
     mode: Mode
     avatar: str
-    gaussians: Density = "32k"
+    gaussians: Density = SHARED_DENSITY
     background: str = "studio"
     seats: str | None = None  # handle of a call's seats: partners are drawn too
     standin: str | None = None  # a file: while it is there, so is a runtime for tests

@@ -21,6 +21,7 @@ from app.bench.sensors.probe import SoakProbe, unlike, watched_growth
 from app.drive.sink import FrameResult, RunInfo
 from app.sinks.live_stats import LiveStats
 from app.terminal.thresholds import at_least, at_most
+from render.types import SHARED_DENSITY
 from sensors.types import FPS
 
 if TYPE_CHECKING:
@@ -41,7 +42,12 @@ def measure_soak(minutes: float) -> dict[str, Any]:
         session = Path(folder) / "session"
         network = NetworkSettings(send=urls, web=0)
         settings = DriveSettings(
-            realtime=True, window=True, condition="eyes", head="track", network=network
+            gaussians=SHARED_DENSITY,
+            realtime=True,
+            window=True,
+            condition="eyes",
+            head="track",
+            network=network,
         )
         with world.microphone() as mic, world.cameras(2) as eyes, world.tracker() as head:
             _run(settings, mic, eyes, head, Path(folder) / "warm", WARM_RUN_S)

@@ -60,7 +60,7 @@ class CallOptions(LiveDriveOptions):
         return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
-        settings = self.live_drive_settings("call", web_sound=self.speaker == "web")
+        settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call
         from app.compose.live import tell

@@ -12,7 +12,7 @@ import numpy as np
 from app.drive.stages import STAGES
 from app.process import memory
 from app.process.ring import Ring
-from render.types import Density
+from render.types import DENSITY, Density
 from sensors.types import EYE_SIZE
 
 SLOTS = 16  # half a second of ticks
@@ -70,7 +70,7 @@ class WindowInfo:
     frames: int | None = None  # how many will come, where that is known
     size: int = 512  # px of the head on software GL; a GPU fills the window
     background: str = "studio"
-    gaussians: Density = "32k"
+    gaussians: Density = DENSITY
     seats: str | None = None  # handle of a call's seats: partners are drawn too
 
 
