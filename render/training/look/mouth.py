@@ -1,17 +1,15 @@
 """Colours of what has no texture: teeth, gums, tongue and the inside of the cheeks."""
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
+from render.training.data.crowns import ARCH_MM, single
 from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.types import Floats, Ints
 
 CROWN, NECK = (0.80, 0.735, 0.63), (0.70, 0.61, 0.48)  # linear: cool edge, warm at the gum
 UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
-ARCH_MM = 74.0  # the middle of the arch of teeth
 SIDE, SHARP = np.array([0.34, 0.42, 0.52]), 6  # how much darker a tooth is beside the next one
-GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
+GUMS, TONGUE, CHEEKS = (0.60, 0.27, 0.25), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
 
 
 def colors(face: FaceData) -> Floats:  # [V, 3] stored
@@ -38,13 +36,6 @@ def colors(face: FaceData) -> Floats:  # [V, 3] stored
         out[rows] = tooth * (1 - 0.25 * back * np.array([0.7, 0.9, 1.2]))
     out[inside] = np.sqrt(out[inside])
     return out
-
-
-def single(faces: Ints, count: int) -> Ints:  # [F, 3] -> [count]
-    """Which connected part of the mesh a vertex belongs to: a tooth is one."""
-    rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    joined = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    return connected_components(joined, directed=False)[1]
 
 
 def _beside(face: FaceData, rows: Ints) -> Floats:  # [n] vertices of teeth -> [n] 0..1
