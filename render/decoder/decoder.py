@@ -54,7 +54,7 @@ class Decoder:
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
     interior: Ints  # [I] Gaussians inside the mouth
-    teeth: Ints  # rows of the used vertices
+    scattering: Ints  # rows of the used vertices: teeth and gums
     tongue_light: TongueLight
     wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
@@ -163,7 +163,7 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        kernels.scatter(self.teeth, TEETH, visibility)
+        kernels.scatter(self.scattering, TEETH, visibility)
         self.tongue_light.fill(vertices, identity.geometry, visibility)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:

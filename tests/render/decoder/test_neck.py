@@ -103,7 +103,7 @@ def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
     matrix = np.stack([rotation.rotate(head.quat, e) for e in np.eye(3).tolist()], 1)
     normals = surface.whole.normals(who.geometry)[0] @ matrix.T.astype(np.float32)
     seen = decoder.visibility(STILL, who)
-    seen[:2, decoder.teeth] = scattered(seen[:2, decoder.teeth])
+    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
     decoder.tongue_light.fill(who.geometry, who.geometry, seen)
     light = surface.interpolate @ STUDIO.shade(normals, seen.T)
     expected = developed((decoder.shares @ who.albedo) ** 2 * light)

@@ -95,7 +95,7 @@ def test_colours_are_albedo_under_light(decoder, talking):
     who, code, vertices, cloud = talking
     surface = decoder.surface
     seen = decoder.visibility(code, who)
-    seen[:2, decoder.teeth] = scattered(seen[:2, decoder.teeth])
+    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
     decoder.tongue_light.fill(vertices, who.geometry, seen)
     normals = np.empty((len(surface.used), 3), np.float32)
     static = np.setdiff1d(np.arange(len(surface.used)), surface.live)
