@@ -92,7 +92,7 @@ class Maker:
             visibility=np.ascontiguousarray(visibility.T),
             biases=self.biases(rest, skin, bald[:, :2]),
             hair=strands.bald(),
-            beard=lashes.grow(self.posing, rest, self.skin),
+            beard=lashes.grow(self.posing, rest),
             detail=self.thinner(albedo, skin),
         )
 

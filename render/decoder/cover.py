@@ -25,6 +25,7 @@ SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (41.0, 47.0), "upper": (30.0, 38.0)}
+SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -113,6 +114,8 @@ def turned_out(head: Surface, posing: Posing, face: Floats, visibility: Floats) 
         share = np.clip((RIM_DEG[1] - turn) / (RIM_DEG[1] - RIM_DEG[0]), 0, 1)[:, None]
         lit, dark = np.median(visibility[rows[rows >= 0]], axis=0), visibility[row_of[hidden]]
         visibility[row_of[hidden]] = dark + share * (lit - dark)
+        rows = rows[rows >= 0]
+        visibility[rows] = np.maximum(visibility[rows], SHOWN * lit)
     return visibility
 
 

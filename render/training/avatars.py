@@ -17,7 +17,7 @@ from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
-from render.training.look import brows, clothes, hairline, lids
+from render.training.look import brows, clothes, eyes, hairline, lids
 from render.training.look.brows import Brows
 from render.types import Floats
 
@@ -44,6 +44,7 @@ class Recipe:
     stubble: float = 0.0  # 0 shaven .. 1 full
     beard: BeardStyle | None = None
     hairs: int = 17_000
+    whites: tuple[float, float, float] = (1, 1, 1)  # of the eyes: gain
 
 
 BLACK, BROWN, DARK = (0.12, 0.10, 0.09), (0.34, 0.21, 0.13), (0.20, 0.14, 0.10)
@@ -59,6 +60,7 @@ CHALK, COAL, SKY = (
     (0.14, 0.14, 0.15),
     (0.36, 0.47, 0.58),
 )
+WARM = (0.72, 0.65, 0.56)  # whites among dark skin
 FINE, SOFT, FULL = Brows(440, 0.72, 1.2, 1.0), Brows(500, 0.85, 0.6, 0.5), Brows(680, 1.15)
 RECIPES = {
     "ada": Recipe(5, 0.40, 2.1, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
@@ -75,7 +77,7 @@ RECIPES = {
                    "blue", "short03_swept", BLOND, COAL, Skin(1.2, 0.3, 0.3)),
     "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
                    "brown", "afro01", (0.13, 0.10, 0.085), CHALK, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
-                   1.22, hairs=18_000),
+                   1.22, hairs=18_000, whites=WARM),
     "greta": Recipe(75, 0.6, 1.2,
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
@@ -91,7 +93,7 @@ RECIPES = {
                    hairs=9000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
-                   BeardStyle(3600, 7.0, 0.7)),
+                   BeardStyle(3600, 7.0, 0.7), whites=WARM),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
@@ -124,12 +126,13 @@ def make(
     if recipe.style not in (BALD, BUZZ):
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
-    who = maker.identity(name, dressed, wardrobe.texture(person), wardrobe.eye(recipe.eye), cover)
+    eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites)
+    who = maker.identity(name, dressed, wardrobe.texture(person), eye, cover)
     albedo = calmed(assembly, maker, who)
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     strands = [
-        lashes.grow(maker.posing, who.rest, maker.skin, recipe.lashes),
+        lashes.grow(maker.posing, who.rest, recipe.lashes),
         brows.grow(
             face, vertices, assembly.normals(vertices), maker.skin, recipe.brows,
             (float(dark[0]), float(dark[1]), float(dark[2])), recipe.seed,
@@ -231,7 +234,7 @@ def run(assembly: Assembly, wardrobe: Wardrobe, folder: Path, card: dict[str, ob
         identity.save(who, folder, {"recipe": asdict(recipe), "detail": detail.card(), **card})
 
 
-def eyes(wardrobe: Wardrobe, maker: Maker) -> dict[str, NDArray[np.uint8]]:
+def eye_colors(wardrobe: Wardrobe, maker: Maker) -> dict[str, NDArray[np.uint8]]:
     """Colours of the eyes' Gaussians in every eye colour: so that anyone can be given eyes."""
     rows, skin = maker.anchor_kinds == mesh_parts.EYE, np.ones((8, 16, 3), np.float32)
     return {
