@@ -24,7 +24,7 @@ HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
-MOLARS_MM = {"lower": (41.0, 47.0), "upper": (30.0, 38.0)}
+MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
