@@ -82,7 +82,7 @@ RECIPES = {
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
     "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
-                   "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, -0.7), FULL, 0.8, 1.0, 0.9,
+                   "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, -0.3), FULL, 0.8, 1.0, 0.9,
                    BeardStyle(3600, 11.0)),
     "ines": Recipe(97, 0.45, 1.7,
                     ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),

@@ -16,7 +16,7 @@ from render.types import Floats
 
 TEXELS = 12
 RIDGE = 1e-3  # share of the mean variance of a texel
-BEHIND_MM, MOST_MM, NEAR, FRONT_MM = 4.2, 4.2, 3, 60.0
+BEHIND_MM, MOST_MM, NEAR, FRONT_MM = 4.0, 4.0, 3, 60.0
 TARGETS = 12  # principal components of the teeth's light that choose the texels
 
 

@@ -173,4 +173,4 @@ def test_only_teeth_in_front_are_drawn(decoder):
     points = head.interpolate @ mesh[head.used]
     for side in (points[:, 1] < -34, points[:, 1] > -33):
         opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
-        assert opacities[depth < 80].max() == 0 and np.median(opacities[depth > 101]) > 0.5
+        assert opacities[depth < 73].max() == 0 and np.median(opacities[depth > 101]) > 0.5
