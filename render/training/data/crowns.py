@@ -20,6 +20,7 @@ NARROWER = {"teeth_upper": 0.08, "teeth_lower": 0.12}  # a crown at the gum, of 
 UPRIGHT = 0.8  # how far a tooth that leans is set upright over its widest part
 WIDEST = 1.8  # most that a place on a crown is widened
 DIP_MM = {"teeth_upper": 0.7, "teeth_lower": 0.7}  # of the gum, between two teeth
+BEHIND_MM = 1.0  # that it goes in there
 REACH_MM = 5.0  # from the edge of the gum up to which it moves
 SAMPLES = 24  # places a triangle that outlines are measured at
 
@@ -49,7 +50,7 @@ def reshaped(
         of_jaw = gums[way * (vertices[gums, 1] - middle) > 0]
         around = np.sort([_along(vertices[tooth].mean(0)[None])[0] for tooth in teeth])
         corners = faces[np.isin(faces, of_jaw).all(1)]
-        out[of_jaw, 1] += way * _lift(vertices, corners, of_jaw, around, DIP_MM[jaw], way)
+        out[of_jaw] += _moved(vertices, corners, of_jaw, around, DIP_MM[jaw], way)
     return out
 
 
@@ -81,15 +82,16 @@ def _widened(vertices: Floats, faces: Ints, tooth: Indices, jaw: str, way: int) 
     return (points + (moved - (points - centre) @ across)[:, None] * across).astype(np.float32)
 
 
-def _lift(
+def _moved(
     vertices: Floats,
     faces: Ints,  # [n, 3] of the gum
     gum: Ints,  # [g] vertices
     around: NDArray[np.floating],  # [t] mm along the arch: middles of the teeth, rising
     dip: float,
     way: int,
-) -> Floats:  # [g] mm
-    """How far gum goes back, so that between two teeth it ends `dip` further than on them."""
+) -> Floats:  # [g, 3] mm
+    """How gum goes back, so that between two teeth it ends `dip` further than on them, and lies
+    behind their sides."""
     dense = _dense(vertices, faces)
     places = np.arange(around[0], around[-1], STEP_MM)
     at, up = _along(dense), way * dense[:, 1]
@@ -103,7 +105,13 @@ def _lift(
     own, height = _along(vertices[gum]), way * vertices[gum, 1]
     first = np.interp(own, places, edge)
     by = np.interp(own, places, np.maximum(wanted - edge, 0), left=0, right=0)
-    return (by * np.exp(-((np.maximum(height - first, 0) / REACH_MM) ** 2))).astype(np.float32)
+    deep = BEHIND_MM * np.interp(own, places, off**2, left=0, right=0)
+    inward = vertices[gum] - (0, 0, ARCH_MM)
+    inward[:, 1], inward[:, 2] = 0, np.maximum(inward[:, 2], 0)
+    inward /= -np.linalg.norm(inward, axis=1, keepdims=True) - 1e-6
+    near = np.exp(-((np.maximum(height - first, 0) / REACH_MM) ** 2))
+    moves = deep[:, None] * inward + by[:, None] * np.array([0, way, 0])
+    return (near[:, None] * moves).astype(np.float32)
 
 
 def _along(points: NDArray[np.floating]) -> NDArray[np.floating]:  # [n, 3] mm -> [n] mm

@@ -36,7 +36,7 @@ def colors(face: FaceData) -> Floats:  # [V, 3] stored
         tooth *= 1 - 0.16 * np.clip(1 - 5 * share, 0, 1) * np.array([1.2, 1.0, 0.7])
         back = np.interp(points[rows, 2], *shaded)[:, None]
         tooth *= 1 - SIDE * _beside(face, rows)[:, None] ** SHARP
-        out[rows] = tooth * (1 - back * np.array([0.9, 1.0, 1.1]))
+        out[rows] = tooth * (1 - back * np.array([0.9, 1.0, 1.0]))
     out[inside] = np.sqrt(out[inside])
     return out
 
