@@ -27,7 +27,7 @@ from encoder.training.mouth import Mouth
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale, new_head
-from encoder.training.streams.opening_line import OpeningLine
+from encoder.training.streams.lip_lines import LipLines
 from encoder.training.streams.pieces import SpokenPieces, phone_weights
 from encoder.training.streams.spoken import Ears, hear_pack
 
@@ -52,7 +52,8 @@ class ListenConfig:
     width_gain: float = 1.4  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
-    line: float = 0.5  # of how far lips are apart, as a straight line says it (opening_line.py)
+    # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
+    lines: tuple[float, float] = (0.5, 0.75)
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600
@@ -94,7 +95,7 @@ class Listener:
     student: Denoiser
     mouth: Mouth
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
-    line: OpeningLine
+    lines: LipLines
     mix: Tensor  # [MOUTH, MOUTH]: gains
     rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
@@ -117,7 +118,7 @@ class Listener:
         sides = [there * (voiced == side) for side in (0, 1)]
         off = functional.binary_cross_entropy_with_logits(odds, voiced.clamp(0), reduction="none")
         result["voice"] = torch.stack([(off * s).sum() / s.sum().clamp(min=1) for s in sides]).sum()
-        lined = self.line.beside(said.detach(), seen)
+        lined = self.lines.beside(said.detach(), seen)
         mixed = config.share * own + (1 - config.share) * lined
         voice = odds.detach().sigmoid()
         shown = voice[..., None] * (mixed @ self.mix)
@@ -198,7 +199,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     )
     finish(listener, config)
     names = (
-        "share", "line", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises",
+        "share", "lines", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises",
         "steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
@@ -219,8 +220,8 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
     mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
-    line = OpeningLine.of(pieces, scale, config.without, config.line)
-    return Listener(direct, contact, student, mouth, scale, line, mix, rarity)
+    lines = LipLines.of(pieces, scale, config.without, config.lines)
+    return Listener(direct, contact, student, mouth, scale, lines, mix, rarity)
 
 
 @torch.no_grad()
@@ -229,7 +230,7 @@ def finish(listener: Listener, config: ListenConfig) -> None:
     student's."""
     direct, (mean, spread) = listener.direct, listener.scale
     dim = direct.hear.in_features
-    listener.line.fold(direct)
+    listener.lines.fold(direct)
     for layer in (direct.listen, direct.straight):
         fold_scale(layer, mean, spread)
     for layer in (direct.hear, listener.contact.listen):
