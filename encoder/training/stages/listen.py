@@ -48,8 +48,8 @@ class ListenConfig:
     # .25 .784 .664 | .057, .1 .783 .668 | .048, 0 .778 .665 | .044; the more, the nearer to
     # rule-made motion and to talkers whom the blocks know
     share: float = 0.1
-    gain: float = 1.32  # of both: a mean of predictions moves less than people do
-    width_gain: float = 1.4  # of how wide the lips are, on top
+    gain: float = 1.38  # of both: a mean of predictions moves less than people do
+    width_gain: float = 1.35  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
     # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
