@@ -4,7 +4,7 @@ A strand scatters light along cones about itself: lit by what crosses it, with a
 coloured one that went through it, and a glow when the lamp is behind (after Marschner 2003).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -14,6 +14,7 @@ from render.types import Floats, Gaussians
 DIFFUSE, GLOSS, THROUGH, BEHIND = 0.82, 0.063, 0.70, 1.10  # weights of a lamp's light
 SKY = 0.55
 CENTRE_MM, FLATTENED = np.array([0.0, 15.0, -8.0], np.float32), 0.85  # of a head; its height
+BELOW = 0.35  # of that height: hair below the middle of a head hangs, and faces outward
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,9 +44,15 @@ def bald() -> Hair:
     return Hair(*(np.zeros(shape, np.float32) for shape in shapes))
 
 
+def joined(parts: list[Hair]) -> Hair:
+    """All of them together."""
+    names = [f.name for f in fields(Hair)]
+    return Hair(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
 def away(points: Floats) -> Floats:  # [n, 3] mm -> [n, 3] unit: out of the head
     out = points - CENTRE_MM
-    out[:, 1] *= FLATTENED
+    out[:, 1] *= np.where(out[:, 1] < 0, BELOW, FLATTENED)
     return (out / (np.linalg.norm(out, axis=1, keepdims=True) + 1e-9)).astype(np.float32)
 
 

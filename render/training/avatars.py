@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from render import strands
 from render.avatars import detail, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
@@ -14,7 +15,7 @@ from render.training.data import people
 from render.training.data.face_data import SKIN_VERTICES
 from render.training.data.people import Skin
 from render.training.fitting.wardrobe import Wardrobe
-from render.training.geometry import beard, hair, hem, teeth
+from render.training.geometry import beard, hair, hem, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
 from render.training.look import brows, clothes, hairline, lids
@@ -43,7 +44,7 @@ class Recipe:
     tone: float = 1.0  # gain of the skins
     stubble: float = 0.0  # 0 shaven .. 1 full
     beard: BeardStyle | None = None
-    hairs: int = 17_000
+    hairs: int = 30_000
 
 
 BLACK, BROWN, DARK = (0.12, 0.10, 0.09), (0.34, 0.21, 0.13), (0.20, 0.14, 0.10)
@@ -70,12 +71,12 @@ RECIPES = {
                    "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.3), Brows(600, 1.1), 0.8),
     "dalia": Recipe(42, 0.5, 1.9,
                     ("young_lightskinned_female2", "middleage_darkskinned_female", 0.35),
-                    "brown", "long01", BLACK, WINE, Skin(0.8, 0.0, 0.7), SOFT, 1.2, hairs=20_000),
+                    "brown", "long01", BLACK, WINE, Skin(0.8, 0.0, 0.7), SOFT, 1.2),
     "emil": Recipe(53, 0.65, -0.7, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
                    "blue", "short03_swept", BLOND, COAL, Skin(1.2, 0.3, 0.3)),
     "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
                    "brown", "afro01", (0.13, 0.10, 0.085), CHALK, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
-                   1.22, hairs=18_000),
+                   1.22),
     "greta": Recipe(75, 0.6, 1.2,
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
@@ -84,21 +85,23 @@ RECIPES = {
                    BeardStyle(3600, 11.0)),
     "ines": Recipe(97, 0.45, 1.7,
                     ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
-                   "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1, hairs=18_000),
+                   "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1),
     "joao": Recipe(108, 0.65, -1.3,
                     ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
                    "brown", BUZZ, BLACK, SAND, Skin(0.7, 0.0, 0.3), FULL, stubble=0.6,
-                   hairs=9000),
+                   hairs=16_000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
                    BeardStyle(3600, 7.0, 0.7)),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
-                   Brows(440, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
+                   Brows(440, 0.75, 1.2, 1.0), 1.1),
 }  # fmt: skip
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
+MATTE = 0.9  # share of the skin's gloss that hair keeps off
+GREYER = 0.4  # roots than hair
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
 
 
@@ -128,7 +131,7 @@ def make(
     albedo = calmed(assembly, maker, who)
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
-    strands = [
+    standing = [
         lashes.grow(maker.posing, who.rest, maker.skin, recipe.lashes),
         brows.grow(
             face, vertices, assembly.normals(vertices), maker.skin, recipe.brows,
@@ -137,9 +140,16 @@ def make(
     ]  # fmt: skip
     if recipe.beard:
         own = np.random.default_rng((recipe.seed, 1))
-        strands.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
-        albedo = bearded(assembly, maker, vertices, albedo, strands[-1], recipe.tint)
-    who = replace(who, beard=joined(strands))
+        standing.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
+        albedo = bearded(assembly, maker, vertices, albedo, standing[-1], recipe.tint)
+    who = replace(who, beard=joined(standing))
+    gloss = who.gloss
+
+    def onto(cap: Floats) -> Floats:  # [SKIN_VERTICES] -> [N]
+        full = np.zeros(len(vertices), np.float32)
+        full[:SKIN_VERTICES] = cap
+        return maker.surface.interpolate @ full[maker.surface.used]
+
     if worn is not None:
         under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
         hangs = recipe.style in HANGING
@@ -155,18 +165,22 @@ def make(
         visible = np.maximum(who.visibility, floor)
         used = vertices[maker.surface.used]
         visible = hairline.shaded(visible, used, grown.means)
-        root = np.array(recipe.tint, np.float32) * SCALP
-        albedo = hairline.rooted(albedo, maker.surface.interpolate @ used, grown.means, root)
-        who = replace(who, visibility=visible, hair=grown)
+        visible = hairline.lit(visible, used, grown.means, grown.seen)
+        root = roots(recipe.tint)
+        points = maker.surface.interpolate @ used
+        albedo = hairline.rooted(albedo, points, grown.means, root)
+        gloss = gloss * (1 - MATTE * np.maximum(onto(worn.cap), hairline.near(points, grown.means)))
+        fine = hair.before(assembly, vertices, worn, grown, recipe.tint, recipe.seed)
+        who = replace(who, visibility=visible, hair=strands.joined([grown, fine]))
     elif recipe.style == BUZZ:
-        with np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False) as z:
-            cap = z["scalp_cap"].astype(np.float32)
-        albedo = scalp(assembly, maker, albedo, cap, recipe.tint, 0.55)
-        grown = hair.cropped(assembly, vertices, cap, recipe.tint, recipe.hairs, recipe.seed)
+        cover = rooted.crop_cover(face.neutral)
+        albedo = scalp(assembly, maker, albedo, cover, recipe.tint, 0.6)
+        gloss = gloss * (1 - MATTE * onto(cover))
+        grown = hair.cropped(assembly, vertices, recipe.tint, recipe.hairs, recipe.seed)
         who = replace(who, hair=grown)
     cloth = clothes.cover(face.neutral, maker.surface)
     albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
-    gloss = who.gloss * (1 - cloth)
+    gloss = gloss * (1 - cloth)
     seen, used = who.visibility, maker.surface.used
     edge = hem.threads(assembly, vertices, used, seen, recipe.shirt, rng)
     return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, edge]))
@@ -193,10 +207,16 @@ def bearded(
     """Roots show under a beard, and not on the lips."""
     head, middles = maker.surface, np.zeros((len(strands), 3), np.float32)
     strands.attach(vertices, middles, np.zeros((len(strands), 4), np.float32))
-    root, points = np.array(tint, np.float32) * SCALP, head.interpolate @ vertices[head.used]
+    root, points = roots(tint), head.interpolate @ vertices[head.used]
     dyed = hairline.rooted(albedo, points, middles, root, hairline.BEARD_MM2)
     where = beard.where(assembly, maker)[:, None]
     return (albedo + where * (dyed - albedo)).astype(np.float32)
+
+
+def roots(tint: tuple[float, float, float]) -> Floats:  # [3] stored
+    """Their colour on skin: less red than hair, as skin in half shadow is lit redder."""
+    color = np.array(tint, np.float32) * SCALP
+    return color + GREYER * (color.mean() - color)
 
 
 def scalp(
@@ -217,7 +237,7 @@ def scalp(
     cover = np.clip((head.interpolate @ full[head.used] - 0.30 + 0.22 * uneven) / 0.5, 0, 1)
     if under is not None:
         cover = np.maximum(cover, head.interpolate @ under)
-    root = np.array(tint, np.float32) * SCALP * (1 + 0.2 * uneven[:, None])
+    root = roots(tint) * (1 + 0.2 * uneven[:, None])
     return (albedo + strength * cover[:, None] * (root - albedo)).astype(np.float32)
 
 

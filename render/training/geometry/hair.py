@@ -12,23 +12,26 @@ from scipy.spatial import KDTree
 
 from render.avatars.textures import sample
 from render.gl.occlusion import Occlusion
-from render.strands import Hair, away
+from render.strands import Hair, away, axes, joined
 from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.trace import CROWN_MM, Pieces, trace
+from render.training.geometry import rooted
+from render.training.geometry.mass import SOME, cells, mass, sheet
+from render.training.geometry.trace import Pieces, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
-CANDIDATES = 2  # pieces a Gaussian kept
-STRAND_MM, CURL_MM = (4.4, 0.50, 0.30), (1.5, 0.50, 0.50)  # standard deviations
+STRAND_MM, CURL_MM = (2.3, 0.26, 0.20), (1.5, 0.50, 0.50)  # standard deviations
+COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
 CURLS, CURLS_COUNT = ("afro01",), 40_000
-APART_MM = 2.4  # of neighbours, where hair is as thin as STRAND_MM says
 HIDDEN = 0.14  # share of any light below which a piece is left out
-CROP_MM, CROP_SEEN = (0.9, 0.10, 0.10), (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
+CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
+FINE_HAIRS, NEAR = 1500, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
-FRINGE, FAINT, NEAR_MM = 0.35, 0.5, 7.0  # width and opacity at the hairline, so near the skin
+FRINGE, FAINT = 0.5, 0.6  # width and opacity of strands where the hair ends
+LOWEST_MM = -1.0  # strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
 LIFT_MM = 0.8  # hair stays this far outside the skin
 
@@ -81,92 +84,82 @@ def grow(
         directions = strands(worn.corners, worn.uv)
         pieces, size = trace(worn.corners, worn.uv, worn.texture, directions, rng), STRAND_MM
         cover = opaque(worn)
-    some = evenly(pieces.middles, CANDIDATES * count, rng)
-    middles, outward = pieces.middles[some], away(pieces.middles[some])
-    seen = occlusion(vertices, outward, cover, (middles, outward), offset_mm=4.0)
+    outward = away(pieces.middles)
+    seen = occlusion(vertices, outward, cover, (pieces.middles, outward), offset_mm=4.0)
     lit = np.flatnonzero(seen.max(1) > HIDDEN)
-    chosen = lit[evenly(middles[lit], count, rng)]
+    pieces, outward, seen = pieces.of(lit), outward[lit], seen[lit]
+    places, whole = sheet(pieces.middles, rng)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
-    rows, seen = some[chosen], np.maximum(smoothed(middles[chosen], seen[chosen]), dimmest)
-    bright = pieces.bright[rows] ** 0.9 * rng.lognormal(0, SPREAD, len(rows))
-    tone = rng.normal(1, (0, 0.03, 0.05), (len(rows), 3)) * bright[:, None]
-    dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress[rows], 0, 1)
-    linear = GAIN * np.array(tint) ** 2 * tone * dark[:, None]
+    seen = np.maximum(smoothed(pieces.middles, seen, rng), dimmest)
+    body, area = mass(pieces, places, whole, seen, GAIN * np.array(tint, np.float32) ** 2, rng)
+    high = np.flatnonzero(((pieces.middles - places) * outward).sum(1) > LOWEST_MM)
+    rows = high[strands_of(pieces.of(high), count, rng)]
+    pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
+    own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
+    bright = (pieces.bright**0.9 * own[:, 0])[:, None]
+    own[:, 0] = 1
+    dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress, 0, 1)
+    linear = GAIN * np.array(tint) ** 2 * own * bright * dark[:, None]
     scales = np.tile(np.array(size, np.float32), (len(rows), 1))
-    scales *= np.clip(1 + 0.15 * rng.standard_normal((len(rows), 1)), 0.6, 1.5)
-    apart = KDTree(middles[chosen]).query(middles[chosen], k=7)[0][:, 1:].mean(1)
-    scales[:, 1] *= np.clip(apart / APART_MM, 0.8, 1.8)
-    tip = np.clip((1 - pieces.progress[rows]) / 0.15, 0.35, 1)
-    scales[:, 1] *= tip
-    fine = fringe(worn, middles[chosen], vertices)
-    scales[:, 1] *= FRINGE + (1 - FRINGE) * fine
-    return Hair(
-        pieces.middles[rows],
-        strand_quats(pieces.along[rows], outward[chosen]).astype(np.float32),
+    tip = np.clip((1 - pieces.progress) / 0.15, 0.35, 1)
+    across = COVERED * area / (len(rows) * scales[:, :2].prod(1))
+    scales[:, 1] *= tip * np.clip(across, *WIDER) * (FRINGE + (1 - FRINGE) * whole)
+    fibres = Hair(
+        pieces.middles,
+        strand_quats(pieces.along, outward).astype(np.float32),
         scales.astype(np.float32),
-        (OPACITY * (FAINT + (1 - FAINT) * fine)).astype(np.float32),
+        (OPACITY * (FAINT + (1 - FAINT) * whole)).astype(np.float32),
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
     )
+    return joined([body, fibres])
 
 
-def cropped(
-    assembly: Assembly, vertices: Floats, cap: Floats, tint: Tint, count: int, seed: int
-) -> Hair:
-    """A few millimetres of hair all over the cap [SKIN_VERTICES], thin where the cap ends."""
+def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows of at most `count` pieces: whole strands, those through the cells of the finest grid
+    that leaves so many."""
+    long, order = np.bincount(pieces.strand), rng.permutation(len(pieces.strand))
+    chosen = more = np.zeros(0, np.intp)
+    for size in np.geomspace(30, 0.5, 30):
+        places = pieces.middles[order] + rng.uniform(0, size, (len(order), 3))  # no rows
+        first = order[np.unique(cells(places, size), return_index=True)[1]]
+        chosen, more = more, rng.permutation(np.unique(pieces.strand[first]))
+        if long[more].sum() > count:
+            break
+    strands = np.concatenate([chosen, np.setdiff1d(more, chosen)])
+    strands = strands[np.cumsum(long[strands]) <= count]
+    return np.flatnonzero(np.isin(pieces.strand, strands))
+
+
+def cropped(assembly: Assembly, vertices: Floats, tint: Tint, count: int, seed: int) -> Hair:
+    """A few millimetres of hair, thin where it ends."""
     rng = np.random.default_rng((seed, 3))
-    skin = assembly.face.faces[(assembly.face.faces < SKIN_VERTICES).all(1)]
-    corners, cover = vertices[skin], np.clip(cap, 0, 1)[skin].mean(1)
-    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(edges, axis=1) * np.clip((cover - 0.15) / 0.6, 0, 1) ** 1.5
-    chosen = rng.choice(len(skin), count, p=areas / areas.sum())
-    weights = rng.dirichlet((1, 1, 1), count).astype(np.float32)
-    roots = (corners[chosen] * weights[..., None]).sum(1)
-    outward = edges[chosen] / np.linalg.norm(edges[chosen], axis=1, keepdims=True)
-    flow = roots - CROWN_MM
-    flow -= (flow * outward).sum(1, keepdims=True) * outward
-    flow /= np.linalg.norm(flow, axis=1, keepdims=True) + 1e-9
-    along = 0.6 * outward + flow + rng.normal(0, 0.25, roots.shape)
-    along = (along / np.linalg.norm(along, axis=1, keepdims=True)).astype(np.float32)
-    length = CROP_MM[0]
-    size = np.tile(np.array(CROP_MM, np.float32), (count, 1))
-    linear = np.array(tint) ** 2 * rng.lognormal(0, 0.2, (count, 1))
-    return Hair(
-        (roots + 1.2 * length * along).astype(np.float32),
-        strand_quats(along, outward).astype(np.float32),
-        size,
-        np.full(count, OPACITY, np.float32),
-        np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
-        np.tile(np.array(CROP_SEEN, np.float32), (count, 1)),
-    )
+    cover = rooted.crop_cover(assembly.face.neutral)
+    skin, seen = vertices[:SKIN_VERTICES], np.tile(np.array(CROP_SEEN, "f4"), (SKIN_VERTICES, 1))
+    linear = np.array(tint, np.float32) ** 2
+    flow = rooted.down(skin)
+    return rooted.hairs(assembly, vertices, cover, flow, seen, rooted.CROP, linear, count, rng)
 
 
-def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """About `count` of the points, at most: one in each cell of a grid."""
-    low, high = 0.2, 8.0
-    order = rng.permutation(len(points))
-    rows = order
-    for _ in range(9):
-        size = 0.5 * (low + high)
-        cells = np.floor(points[order] / size).astype(np.int64)
-        key = (cells[:, 0] * 4096 + cells[:, 1]) * 4096 + cells[:, 2]
-        rows = order[np.unique(key, return_index=True)[1]]
-        low, high = (size, high) if len(rows) > count else (low, size)
-    return rng.permutation(rows)[:count]
+def before(
+    assembly: Assembly, vertices: Floats, worn: Cards, grown: Hair, tint: Tint, seed: int
+) -> Hair:
+    """Fine hairs along the hairline, that lie as the hair behind it does."""
+    rng = np.random.default_rng((seed, 6))
+    skin = vertices[:SKIN_VERTICES]
+    near = np.asarray(KDTree(grown.means).query(skin, k=NEAR)[1])
+    flow, seen = axes(grown.quats)[near].mean(1), grown.seen[near].mean(1)
+    into = ((grown.means[near].mean(1) - skin) * flow).sum(1)
+    flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
+    args = rooted.edge(skin, worn.cap), flow, seen, rooted.FINE, np.array(tint, np.float32) ** 2
+    return rooted.hairs(assembly, vertices, *args, FINE_HAIRS, rng)
 
 
-def smoothed(points: Floats, seen: Floats) -> Floats:
+def smoothed(points: Floats, seen: Floats, rng: np.random.Generator) -> Floats:
     """Light that reaches hair goes on through it: no hard shadows of single cards."""
-    near = np.asarray(KDTree(points).query(points, k=min(12, len(points)))[1])
+    some = rng.permutation(len(points))[:SOME]
+    near = some[KDTree(points[some]).query(points, k=min(NEAR, len(some)))[1]]
     return seen[near].mean(1).astype(np.float32)
-
-
-def fringe(worn: Cards, points: Floats, vertices: Floats) -> Floats:  # [n]
-    """0 at the hairline, where hair is fine, so that it has no edge; else 1."""
-    distance, near = (np.asarray(x) for x in KDTree(vertices[:SKIN_VERTICES]).query(points))
-    covered = np.clip((np.clip(worn.cap, 0, 1)[near] - 0.1) / 0.7, 0, 1)
-    away = np.clip(distance / NEAR_MM - 1, 0, 1)
-    return np.maximum(covered, away).astype(np.float32)
 
 
 def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -> [U] 0..1
@@ -192,7 +185,8 @@ def _curls(worn: Cards, rng: np.random.Generator) -> Pieces:
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     shade = np.clip(1.05 - 0.09 * depth[:, 0], 0.4, 1.3)
     shade = shade.astype(np.float32)
-    return Pieces(middles, along.astype(np.float32), shade, np.full_like(shade, 0.5))
+    alone = np.arange(CURLS_COUNT)
+    return Pieces(middles, along.astype(np.float32), shade, np.full_like(shade, 0.5), alone)
 
 
 def opaque(worn: Cards) -> Floats:
@@ -209,15 +203,3 @@ def strands(corners: Floats, uv: Floats) -> Floats:  # [T, 3, 3], [T, 3, 2] -> [
     determinant = d1[:, :1] * d2[:, 1:] - d2[:, :1] * d1[:, 1:]
     along = (e2 * d1[:, :1] - e1 * d2[:, :1]) * np.sign(determinant)
     return along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-9)
-
-
-def strand_quats(along: Floats, normals: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 4] wxyz
-    """Rotations whose x axis is the strand and whose z axis is nearest to the normal."""
-    from scipy.spatial.transform import Rotation
-
-    across = np.cross(normals, along)
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    across = np.where(length > 1e-3, across / (length + 1e-9), np.cross(along, (0.3, 0.9, 0.2)))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    matrix = np.stack([along, across, np.cross(along, across)], -1)
-    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)

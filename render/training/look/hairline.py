@@ -5,10 +5,11 @@ from scipy.spatial import KDTree
 
 from render.types import Floats
 
-NEAR_MM = 5.0  # of strands that are counted around a place
+NEAR_MM = 3.5  # of strands that are counted around a place
 STRAND_MM2, BEARD_MM2 = 5.0, 2.4  # of skin that one Gaussian of a strand hides
 ROOTS = 0.9  # share of the roots' colour where strands are dense
 BULK = 6  # strands: so many near each other are hair, fewer are loose ends
+THROUGH = 0.8  # share of the light of strands that gets to the skin between them
 SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
 SHADE = 0.9  # share of the light of both rims that the hair keeps off
 
@@ -21,9 +22,28 @@ def rooted(
     strand_mm2: float = STRAND_MM2,
 ) -> Floats:  # [n, 3]
     """Skin in the colour of the roots, where strands lie over it: else sideburns look striped."""
-    near = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
-    cover = 1 - np.exp(-np.asarray(near) * strand_mm2 / (np.pi * NEAR_MM**2))
+    cover = near(points, hair, strand_mm2)
     return (albedo + ROOTS * cover[:, None] * (root - albedo)).astype(np.float32)
+
+
+def near(points: Floats, hair: Floats, strand_mm2: float = STRAND_MM2) -> Floats:  # [n] 0..1
+    """How much of the skin strands lie over."""
+    count = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
+    return 1 - np.exp(-np.asarray(count) * strand_mm2 / (np.pi * NEAR_MM**2))
+
+
+def lit(
+    visibility: Floats,  # [4, n] of sky, key light and rims
+    points: Floats,  # [n, 3] mm
+    hair: Floats,  # [h, 3] mm
+    seen: Floats,  # [h, 4] of the hair
+) -> Floats:  # [4, n]
+    """Skin between strands is lit as they are: light goes through hair, and in full shadow under it
+    skin would look like a hole."""
+    apart, near = (np.asarray(x) for x in KDTree(hair).query(points, k=BULK))
+    share = np.clip(2 - apart[:, -1] / NEAR_MM, 0, 1)
+    light = THROUGH * seen[near].mean(1).T
+    return (visibility + share * np.maximum(light - visibility, 0)).astype(np.float32)
 
 
 def shaded(
@@ -33,7 +53,7 @@ def shaded(
 ) -> Floats:  # [4, n]
     """Less of the rims, which shine from behind, beside hair: it stands in their way."""
     apart = np.asarray(KDTree(hair).query(points, k=BULK)[0])[:, -1]
-    near = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
+    share = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
     out = visibility.copy()
-    out[2:] *= (1 - SHADE * near * near * (3 - 2 * near)).astype(np.float32)
+    out[2:] *= (1 - SHADE * share * share * (3 - 2 * share)).astype(np.float32)
     return out
