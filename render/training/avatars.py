@@ -153,14 +153,13 @@ def make(
     if worn is not None:
         under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
         hangs = recipe.style in HANGING
-        albedo = scalp(
-            assembly, maker, albedo, worn.cap, recipe.tint, 0.97, under if hangs else None
-        )
+        cap = rooted.softened(vertices[:SKIN_VERTICES], worn.cap) ** rooted.THIN
+        albedo = scalp(assembly, maker, albedo, cap, recipe.tint, 0.97, under if hangs else None)
         grown = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
         # Light gets between strands: skin in full shadow under them would look like a hole.
-        cap = np.zeros(len(vertices), np.float32)
-        cap[:SKIN_VERTICES] = worn.cap
-        between = np.maximum(cap[maker.surface.used], 0.8 * under)
+        full = np.zeros(len(vertices), np.float32)
+        full[:SKIN_VERTICES] = cap
+        between = np.maximum(full[maker.surface.used], 0.8 * under)
         floor = between * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
         visible = np.maximum(who.visibility, floor)
         used = vertices[maker.surface.used]
@@ -169,11 +168,11 @@ def make(
         root = roots(recipe.tint)
         points = maker.surface.interpolate @ used
         albedo = hairline.rooted(albedo, points, grown.means, root)
-        gloss = gloss * (1 - MATTE * np.maximum(onto(worn.cap), hairline.near(points, grown.means)))
+        gloss = gloss * (1 - MATTE * np.maximum(onto(cap), hairline.near(points, grown.means)))
         fine = hair.before(assembly, vertices, worn, grown, recipe.tint, recipe.seed)
         who = replace(who, visibility=visible, hair=strands.joined([grown, fine]))
     elif recipe.style == BUZZ:
-        cover = rooted.crop_cover(face.neutral)
+        cover = rooted.head_of_hair(face.neutral)
         albedo = scalp(assembly, maker, albedo, cover, recipe.tint, 0.6)
         gloss = gloss * (1 - MATTE * onto(cover))
         grown = hair.cropped(assembly, vertices, recipe.tint, recipe.hairs, recipe.seed)
@@ -234,7 +233,7 @@ def scalp(
     head = maker.surface
     x, y, z = (head.interpolate @ assembly.face.neutral[head.used]).T
     uneven = np.sin(3.1 * x + np.sin(2.3 * y)) * np.sin(3.7 * y + np.sin(2.9 * z)) * np.sin(3.3 * z)
-    cover = np.clip((head.interpolate @ full[head.used] - 0.30 + 0.22 * uneven) / 0.5, 0, 1)
+    cover = np.clip((head.interpolate @ full[head.used] - 0.1 + 0.1 * uneven) / 0.8, 0, 1)
     if under is not None:
         cover = np.maximum(cover, head.interpolate @ under)
     root = roots(tint) * (1 + 0.2 * uneven[:, None])

@@ -24,7 +24,7 @@ Tint = tuple[float, float, float]
 STRAND_MM, CURL_MM = (2.3, 0.26, 0.20), (1.5, 0.50, 0.50)  # standard deviations
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
 CURLS, CURLS_COUNT = ("afro01",), 40_000
-HIDDEN = 0.14  # share of any light below which a piece is left out
+HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 FINE_HAIRS, NEAR = 1500, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
@@ -86,13 +86,15 @@ def grow(
         cover = opaque(worn)
     outward = away(pieces.middles)
     seen = occlusion(vertices, outward, cover, (pieces.middles, outward), offset_mm=4.0)
-    lit = np.flatnonzero(seen.max(1) > HIDDEN)
+    best = seen.max(1)
+    lit = np.flatnonzero(best > HIDDEN)
     pieces, outward, seen = pieces.of(lit), outward[lit], seen[lit]
     places, whole = sheet(pieces.middles, rng)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
     seen = np.maximum(smoothed(pieces.middles, seen, rng), dimmest)
     body, area = mass(pieces, places, whole, seen, GAIN * np.array(tint, np.float32) ** 2, rng)
-    high = np.flatnonzero(((pieces.middles - places) * outward).sum(1) > LOWEST_MM)
+    high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
+    high = np.flatnonzero(high & (best[lit] > SHOWN))
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
     own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
@@ -134,7 +136,7 @@ def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[
 def cropped(assembly: Assembly, vertices: Floats, tint: Tint, count: int, seed: int) -> Hair:
     """A few millimetres of hair, thin where it ends."""
     rng = np.random.default_rng((seed, 3))
-    cover = rooted.crop_cover(assembly.face.neutral)
+    cover = rooted.head_of_hair(assembly.face.neutral)
     skin, seen = vertices[:SKIN_VERTICES], np.tile(np.array(CROP_SEEN, "f4"), (SKIN_VERTICES, 1))
     linear = np.array(tint, np.float32) ** 2
     flow = rooted.down(skin)
@@ -151,8 +153,10 @@ def before(
     flow, seen = axes(grown.quats)[near].mean(1), grown.seen[near].mean(1)
     into = ((grown.means[near].mean(1) - skin) * flow).sum(1)
     flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
-    args = rooted.edge(skin, worn.cap), flow, seen, rooted.FINE, np.array(tint, np.float32) ** 2
-    return rooted.hairs(assembly, vertices, *args, FINE_HAIRS, rng)
+    cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))
+    density, linear = rooted.edge(skin, cap, grown.means), np.array(tint, np.float32) ** 2
+    args = density, flow, seen, rooted.FINE, linear, FINE_HAIRS
+    return rooted.hairs(assembly, vertices, *args, rng)
 
 
 def smoothed(points: Floats, seen: Floats, rng: np.random.Generator) -> Floats:

@@ -16,7 +16,7 @@ DEPTH_MM, THICK_MM = 1.8, 0.5  # below the strands; standard deviation
 ACROSS, ALONG = 0.6, 0.8  # standard deviations, as a share of the distance to the neighbours
 LIMITS = 0.8, 1.7  # of that distance, in the usual one
 DARK, LIGHT, OPACITY = 0.5, 0.5, 0.97  # brightness, as a share of the strands', and more if light
-EDGE = 0.16, 0.38  # how far the middle of them is off, in their radius: inside the hair, at its end
+EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 LIT = 70  # percentile of the strands' light: hair inside is dark, that outside is seen
 FEWEST = 0.05  # opacity below which one is left out
 

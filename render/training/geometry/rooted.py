@@ -21,6 +21,8 @@ HAIRLINE_MM = (
 )  # fmt: skip
 SOFT_MM = 10.0  # vertices whose cover is averaged
 THIN = 1.5  # exponent of cropped hair's density where it ends
+BULK, WIDE = 4, 8.0  # strands so near are hair; how far from the cap fine hairs stand
+AHEAD_MM, FADE_MM = 4.0, 2.5  # of the hair, and how fast they get fewer
 SPREAD = 0.3  # how much hairs differ in length, brightness, direction
 LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of it
 
@@ -36,11 +38,11 @@ class Style:
     opacity: float
 
 
-FINE, CROP = Style(11.0, 2, 0.08, 0.14, 0.6), Style(4.2, 1, 0.11, 0.30, 0.85)
+FINE, CROP = Style(10.0, 2, 0.09, 0.16, 0.7), Style(4.2, 1, 0.11, 0.30, 0.85)
 
 
-def crop_cover(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mean face -> 0..1
-    """Where cropped hair grows, thinner towards its edge."""
+def head_of_hair(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mean face -> 0..1
+    """Where hair grows, thinner towards the hairline."""
     skin, line = neutral[:SKIN_VERTICES], np.array(HAIRLINE_MM, np.float32)
     z, y = skin[:, 2:], skin[:, 1:2]
     (za, ya), (zb, yb) = line.T, np.roll(line, -1, 0).T
@@ -116,7 +118,7 @@ def _flat(way: Floats, out: Floats) -> Floats:
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
 
 
-def edge(skin: Floats, cap: NDArray[np.floating]) -> Floats:  # [n, 3] mm, [n] 0..1 -> [n]
-    """Density of the fine hairs: about the end of the cap, thinner before it."""
-    soft = softened(skin, np.clip(np.asarray(cap, np.float32), 0, 1))
-    return np.clip(4 * soft * (1 - soft), 0, 1) ** 1.5
+def edge(skin: Floats, cap: Floats, hair: Floats) -> Floats:  # [n, 3] mm, [n] 0..1, [h, 3] mm
+    """Density [n] of the fine hairs: beside the hair, where a head of hair ends."""
+    apart = np.asarray(KDTree(hair).query(skin, k=BULK)[0])[:, -1]
+    return np.clip(WIDE * softened(skin, cap), 0, 1) * np.exp(-(((apart - AHEAD_MM) / FADE_MM) ** 2))
