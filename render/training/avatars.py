@@ -181,8 +181,9 @@ def make(
     albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
     gloss = gloss * (1 - cloth)
     seen, used = who.visibility, maker.surface.used
-    edge = hem.threads(assembly, vertices, used, seen, recipe.shirt, rng)
-    return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, edge]))
+    args = assembly, vertices, used, seen, recipe.shirt
+    shirt = [hem.collar(*args), hem.drape(*args)]
+    return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, *shirt]))
 
 
 def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]

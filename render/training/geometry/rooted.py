@@ -121,4 +121,6 @@ def _flat(way: Floats, out: Floats) -> Floats:
 def edge(skin: Floats, cap: Floats, hair: Floats) -> Floats:  # [n, 3] mm, [n] 0..1, [h, 3] mm
     """Density [n] of the fine hairs: beside the hair, where a head of hair ends."""
     apart = np.asarray(KDTree(hair).query(skin, k=BULK)[0])[:, -1]
-    return np.clip(WIDE * softened(skin, cap), 0, 1) * np.exp(-(((apart - AHEAD_MM) / FADE_MM) ** 2))
+    return np.clip(WIDE * softened(skin, cap), 0, 1) * np.exp(
+        -(((apart - AHEAD_MM) / FADE_MM) ** 2)
+    )
