@@ -214,6 +214,7 @@ class Decoder:
         """Kept for as long as the identity lives."""
         cache = self._cache.get(identity)
         if cache is None:
+            hair = identity.hair.of_density(self.density)
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
             biases = self.light.nested(identity.biases)
             used = identity.geometry[self.surface.used]
@@ -231,14 +232,14 @@ class Decoder:
                 gloss=gloss,
                 rims=gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
-                strands=identity.hair.lit(self.lighting),
+                strands=hair.lit(self.lighting),
                 beard=identity.beard.lit(identity.geometry, self.lighting),
                 cloud=EMPTY,
                 neck=bones,
                 skin=bones.share(identity.geometry),
                 still=bones.share(used),
                 stretch=(stretched, stretch[stretched]),
-                hair=bones.share(identity.hair.means),
+                hair=bones.share(hair.means),
                 eye_sizes=highlights.eye_sizes(
                     self.posing, identity.geometry, identity.eye_centers
                 ),

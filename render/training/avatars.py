@@ -15,7 +15,7 @@ from render.training.data import people
 from render.training.data.face_data import SKIN_VERTICES
 from render.training.data.people import Skin
 from render.training.fitting.wardrobe import Wardrobe
-from render.training.geometry import beard, hair, hem, rooted, teeth
+from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
 from render.training.look import brows, clothes, hairline, lids
@@ -82,7 +82,7 @@ RECIPES = {
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
     "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
                    "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, 0.3), FULL, 0.8, 1.0, 0.9,
-                   BeardStyle(3600, 11.0)),
+                   BeardStyle(5600, 11.0)),
     "ines": Recipe(97, 0.45, 1.7,
                     ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
                    "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1),
@@ -92,7 +92,7 @@ RECIPES = {
                    hairs=16_000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
-                   BeardStyle(3600, 7.0, 0.7)),
+                   BeardStyle(4600, 7.0, 0.7)),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
@@ -100,6 +100,9 @@ RECIPES = {
 }  # fmt: skip
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
+CROPPED, SHAVEN = 0.6, 0.16  # share of the roots' colour on the scalp
+FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
+WHOLLY = 0.9  # of the cap: skin so far inside it is not drawn where hair hides it
 MATTE = 0.9  # share of the skin's gloss that hair keeps off
 GREYER = 0.4  # roots than hair
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
@@ -170,10 +173,16 @@ def make(
         albedo = hairline.rooted(albedo, points, grown.means, root)
         gloss = gloss * (1 - MATTE * np.maximum(onto(cap), hairline.near(points, grown.means)))
         fine = hair.before(assembly, vertices, worn, grown, recipe.tint, recipe.seed)
-        who = replace(who, visibility=visible, hair=strands.joined([grown, fine]))
-    elif recipe.style == BUZZ:
-        cover = rooted.head_of_hair(face.neutral)
-        albedo = scalp(assembly, maker, albedo, cover, recipe.tint, 0.6)
+        shows = 1 - (onto(cap) > WHOLLY) * mass.hidden(points, grown)
+        who = replace(
+            who, visibility=visible, hair=strands.joined([fine, grown]),
+            opacity_factors=who.opacity_factors * shows.astype(np.float32),
+        )  # fmt: skip
+    else:
+        cover, cropped = rooted.head_of_hair(face.neutral), recipe.style == BUZZ
+        albedo = evened(albedo, onto(cover), maker.surface.interpolate @ vertices[maker.surface.used])
+        albedo = scalp(assembly, maker, albedo, cover, recipe.tint, CROPPED if cropped else SHAVEN)
+    if recipe.style == BUZZ:
         gloss = gloss * (1 - MATTE * onto(cover))
         grown = hair.cropped(assembly, vertices, recipe.tint, recipe.hairs, recipe.seed)
         who = replace(who, hair=grown)
@@ -184,6 +193,13 @@ def make(
     args = assembly, vertices, used, seen, recipe.shirt
     shirt = [hem.collar(*args), hem.drape(*args)]
     return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, *shirt]))
+
+
+def evened(albedo: Floats, scalp: Floats, points: Floats) -> Floats:  # [N, 3], [N] 0..1, [N, 3] mm
+    """A scalp in the colour of the forehead: textures have brown blots there."""
+    low, high = np.array(FOREHEAD_MM)
+    forehead = np.median(albedo[((points > low) & (points < high)).all(1)], 0)
+    return (albedo + EVENED * scalp[:, None] * (forehead - albedo)).astype(np.float32)
 
 
 def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]

@@ -26,7 +26,7 @@ COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much
 CURLS, CURLS_COUNT = ("afro01",), 40_000
 HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
-FINE_HAIRS, NEAR = 1500, 16  # along the hairline; strands that tell how they lie
+FINE_HAIRS, NEAR = 1000, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
@@ -118,8 +118,8 @@ def grow(
 
 
 def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """Rows of at most `count` pieces: whole strands, those through the cells of the finest grid
-    that leaves so many."""
+    """Rows of at most `count` pieces: whole strands in any order, those through the cells of the
+    finest grid that leaves so many."""
     long, order = np.bincount(pieces.strand), rng.permutation(len(pieces.strand))
     chosen = more = np.zeros(0, np.intp)
     for size in np.geomspace(30, 0.5, 30):
@@ -129,8 +129,11 @@ def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[
         if long[more].sum() > count:
             break
     strands = np.concatenate([chosen, np.setdiff1d(more, chosen)])
-    strands = strands[np.cumsum(long[strands]) <= count]
-    return np.flatnonzero(np.isin(pieces.strand, strands))
+    strands = rng.permutation(strands[np.cumsum(long[strands]) <= count])
+    place = np.full(len(long), -1)
+    place[strands] = np.arange(len(strands))
+    rows = np.flatnonzero(place[pieces.strand] >= 0)
+    return rows[np.argsort(place[pieces.strand[rows]], kind="stable")]
 
 
 def cropped(assembly: Assembly, vertices: Floats, tint: Tint, count: int, seed: int) -> Hair:

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.strands import Hair, away
+from render.strands import THIN_MM, Hair, away
 from render.training.geometry.trace import Pieces, strand_quats
 from render.types import Floats
 
@@ -18,6 +18,7 @@ LIMITS = 0.8, 1.7  # of that distance, in the usual one
 DARK, LIGHT, OPACITY = 0.5, 0.5, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 LIT = 70  # percentile of the strands' light: hair inside is dark, that outside is seen
+SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, 0.5  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
 
@@ -64,6 +65,16 @@ def mass(
         np.percentile(seen[near], LIT, axis=1)[stays].astype(np.float32),
     )
     return made, float((apart**2).sum())
+
+
+def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
+    """What lies below the whole of a mass, from whichever side one looks."""
+    body = np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID))
+    if len(body) < AROUND:
+        return np.zeros(len(points), bool)
+    distance, near = (np.asarray(x) for x in KDTree(hair.means[body]).query(points, k=AROUND))
+    above = ((hair.means[body][near].mean(1) - points) * away(points)).sum(1) > BENEATH_MM
+    return above & (distance.max(1) < REACH_MM)
 
 
 def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
