@@ -21,7 +21,8 @@ from render.training.geometry.trace import Pieces, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
-STRAND_MM, CURL_MM = (2.3, 0.26, 0.20), (1.5, 0.50, 0.50)  # standard deviations
+STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (1.5, 0.50, 0.50)  # standard deviations, a step long
+SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
 CURLS, CURLS_COUNT = ("afro01",), 40_000
 HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
@@ -44,6 +45,7 @@ class Cards:
     uv: Floats  # [T, 3, 2]
     texture: Floats | None  # [H, W, 4]; none for curls
     cap: Floats  # [SKIN_VERTICES] 0..1 hair cover of the skin
+    span: int  # steps of a strand that one Gaussian shows
 
 
 def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> Cards:
@@ -53,10 +55,10 @@ def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> 
     bound = vertices[z["bind_idx"]] / MM_PER_UNIT
     points = ((bound * z["bind_w"][..., None]).sum(1) + z["offsets"]) * MM_PER_UNIT
     points = push_out(points.astype(np.float32), vertices, normals)
-    texture = None
+    texture, span = None, LONG_SPAN if style in LONG else SPAN
     if style not in CURLS:
         texture = face.image(f"hair/{style.removesuffix('_swept')}.png")
-    return Cards(points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32))
+    return Cards(points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32), span)
 
 
 def push_out(points: Floats, vertices: Floats, normals: Floats) -> Floats:
@@ -82,7 +84,8 @@ def grow(
         cover = worn.corners
     else:
         directions = strands(worn.corners, worn.uv)
-        pieces, size = trace(worn.corners, worn.uv, worn.texture, directions, rng), STRAND_MM
+        pieces = trace(worn.corners, worn.uv, worn.texture, directions, worn.span, rng)
+        size = (worn.span * STRAND_MM[0], *STRAND_MM[1:])
         cover = opaque(worn)
     outward = away(pieces.middles)
     seen = occlusion(vertices, outward, cover, (pieces.middles, outward), offset_mm=4.0)

@@ -10,14 +10,15 @@ from render.strands import THIN_MM, Hair, away
 from render.training.geometry.trace import Pieces, strand_quats
 from render.types import Floats
 
-COUNT = 4000
+COUNT = 5000
 SOME, NEAR = 20_000, 48  # pieces that tell where the hair is; around a place
 DEPTH_MM, THICK_MM = 1.8, 0.5  # below the strands; standard deviation
 ACROSS, ALONG = 0.6, 0.8  # standard deviations, as a share of the distance to the neighbours
-LIMITS = 0.8, 1.7  # of that distance, in the usual one
-DARK, LIGHT, OPACITY = 0.5, 0.5, 0.97  # brightness, as a share of the strands', and more if light
+LIMITS = 0.8, 1.4  # of that distance, in the usual one
+DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
-LIT = 70  # percentile of the strands' light: hair inside is dark, that outside is seen
+FULLER = 1.25  # its opacity grows so much faster than that from its edge
+LIT = 75  # percentile, around a place, of the light and of `whole`: the inside is not seen
 SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, 0.5  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
@@ -50,7 +51,7 @@ def mass(
     along, out = pieces.along[near].mean(1), away(places[rows])
     along -= (along * out).sum(1, keepdims=True) * out
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    shown = OPACITY * whole[near[:, : NEAR // 4]].mean(1)
+    shown = OPACITY * np.clip(FULLER * np.percentile(whole[near[:, : NEAR // 3]], LIT, axis=1), 0, 1)
     apart = np.asarray(KDTree(places[rows]).query(places[rows], k=6)[0])[:, 1:].mean(1)
     apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
     stays = np.flatnonzero(shown > FEWEST)

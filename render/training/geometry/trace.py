@@ -11,7 +11,7 @@ from render.strands import away
 from render.types import Floats
 
 SEEDS, SAMPLES = 14_000, 36_000  # strands; places on the cards that the field is read from
-STEP_MM, STEPS = 2.6, 56  # along a strand; a piece is two of them
+STEP_MM, STEPS = 2.6, 56  # along a strand
 SMOOTH_MM, SMOOTHED = 5.0, 16  # smoothing of the field, and how often
 MIDDLE_MM = 34.0  # half of the width behind the head over which strands turn straight down
 REACH_MM = 5.5  # a strand ends this far off the cards
@@ -21,7 +21,7 @@ VOLUME_MM, FRIZZ, CLUMP = (
     0.25,
     26,
 )  # mm between layers; stray of a strand; strands of a tuft, which stray together
-LEAST = 4  # steps of a strand that counts
+LEAST = 3  # ends of pieces of a strand that counts
 
 
 @dataclass(frozen=True)
@@ -44,9 +44,10 @@ def trace(
     uv: Floats,  # [T, 3, 2]
     texture: Floats,  # [H, W, 4]
     directions: Floats,  # [T, 3] of the strands on each card
+    span: int,  # steps of a piece
     rng: np.random.Generator,
 ) -> Pieces:
-    """Every step of every strand."""
+    """All of every strand."""
     points, along, alpha, light = _field(corners, uv, texture, directions, rng)
     tree, outward = KDTree(points), away(points.astype(np.float32)).astype(np.float64)
     good = np.flatnonzero(alpha > 0.35)
@@ -78,7 +79,7 @@ def trace(
                 lines[:, step] = np.where(alive[:, None], at + lift * out, np.nan)
             off = ((at - middle) * out).sum(1, keepdims=True)
             at = at - 0.35 * off * out + STEP_MM * way
-    return _pieces(lines[:, ::2], (light / np.median(light[alpha > 0.5]))[first])
+    return _pieces(lines[:, ::span], (light / np.median(light[alpha > 0.5]))[first])
 
 
 def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]
