@@ -172,7 +172,7 @@ class Decoder:
             neck.bend_vertices(vertices, cache.skin, bent)
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
         self.surface.place(*shown, skin, self.lighting, turned)
-        self.wrinkles.fold(rig, skin.colors)
+        self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
             lid = skin.colors[lids].mean(0)
             line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)

@@ -18,7 +18,7 @@ from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.beard import BeardStyle
-from render.training.look import brows, clothes, hairline, lids
+from render.training.look import brows, clothes, hairline, lids, wrinkles
 from render.training.look.brows import Brows
 from render.types import Floats
 
@@ -131,7 +131,9 @@ def make(
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
     who = maker.identity(name, dressed, wardrobe.texture(person), wardrobe.eye(recipe.eye), cover)
-    albedo = calmed(assembly, maker, who)
+    albedo, age = calmed(assembly, maker, who), wrinkles.age(recipe.skins)
+    albedo = wrinkles.at_rest(albedo, maker.wrinkles, age)
+    who = replace(who, wrinkles=wrinkles.depth(age))
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     standing = [
@@ -180,7 +182,9 @@ def make(
         )  # fmt: skip
     else:
         cover, cropped = rooted.head_of_hair(face.neutral), recipe.style == BUZZ
-        albedo = evened(albedo, onto(cover), maker.surface.interpolate @ vertices[maker.surface.used])
+        albedo = evened(
+            albedo, onto(cover), maker.surface.interpolate @ vertices[maker.surface.used]
+        )
         albedo = scalp(assembly, maker, albedo, cover, recipe.tint, CROPPED if cropped else SHAVEN)
     if recipe.style == BUZZ:
         gloss = gloss * (1 - MATTE * onto(cover))

@@ -58,7 +58,9 @@ def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> 
     texture, span = None, LONG_SPAN if style in LONG else SPAN
     if style not in CURLS:
         texture = face.image(f"hair/{style.removesuffix('_swept')}.png")
-    return Cards(points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32), span)
+    return Cards(
+        points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32), span
+    )
 
 
 def push_out(points: Floats, vertices: Floats, normals: Floats) -> Floats:

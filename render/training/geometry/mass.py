@@ -51,7 +51,9 @@ def mass(
     along, out = pieces.along[near].mean(1), away(places[rows])
     along -= (along * out).sum(1, keepdims=True) * out
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    shown = OPACITY * np.clip(FULLER * np.percentile(whole[near[:, : NEAR // 3]], LIT, axis=1), 0, 1)
+    shown = OPACITY * np.clip(
+        FULLER * np.percentile(whole[near[:, : NEAR // 3]], LIT, axis=1), 0, 1
+    )
     apart = np.asarray(KDTree(places[rows]).query(places[rows], k=6)[0])[:, 1:].mean(1)
     apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
     stays = np.flatnonzero(shown > FEWEST)
