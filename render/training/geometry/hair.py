@@ -14,8 +14,8 @@ from render.avatars.textures import sample
 from render.gl.occlusion import Occlusion
 from render.strands import Hair, away, axes, joined
 from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
-from render.training.geometry.assembly import Assembly
 from render.training.geometry import rooted
+from render.training.geometry.assembly import Assembly
 from render.training.geometry.mass import SOME, cells, mass, sheet
 from render.training.geometry.trace import Pieces, strand_quats, trace
 from render.types import Floats

@@ -19,7 +19,7 @@ DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands'
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 FULLER = 1.25  # its opacity grows so much faster than that from its edge
 LIT = 75  # percentile, around a place, of the light and of `whole`: the inside is not seen
-SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, 0.5  # see `hidden`
+SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -3.0  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
 
