@@ -21,10 +21,10 @@ from render.training.geometry.trace import Pieces, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
-STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (1.5, 0.50, 0.50)  # standard deviations, a step long
+STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (1.4, 0.40, 0.40)  # standard deviations, a step long
 SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
-CURLS, CURLS_COUNT = ("afro01",), 40_000
+CURLS, CURLS_COUNT, CURLS_DEEP = ("afro01",), 64_000, (2.5, 0.4)  # mm; light below them
 HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 FINE_HAIRS, NEAR = 1000, 16  # along the hairline; strands that tell how they lie
@@ -97,7 +97,9 @@ def grow(
     places, whole = sheet(pieces.middles, rng)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
     seen = np.maximum(smoothed(pieces.middles, seen, rng), dimmest)
-    body, area = mass(pieces, places, whole, seen, GAIN * np.array(tint, np.float32) ** 2, rng)
+    below, bright = CURLS_DEEP if worn.texture is None else (0, 1)
+    linear = GAIN * np.array(tint, np.float32) ** 2
+    body, area = mass(pieces, places - below * outward, whole, bright * seen, linear, rng)
     high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
     high = np.flatnonzero(high & (best[lit] > SHOWN))
     rows = high[strands_of(pieces.of(high), count, rng)]

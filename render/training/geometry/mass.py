@@ -13,13 +13,13 @@ from render.types import Floats
 COUNT = 5000
 SOME, NEAR = 20_000, 48  # pieces that tell where the hair is; around a place
 DEPTH_MM, THICK_MM = 1.8, 0.5  # below the strands; standard deviation
-ACROSS, ALONG = 0.6, 0.8  # standard deviations, as a share of the distance to the neighbours
+ACROSS, ALONG = 0.68, 0.85  # standard deviations, as a share of the distance to the neighbours
 LIMITS = 0.8, 1.4  # of that distance, in the usual one
 DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 FULLER = 1.25  # its opacity grows so much faster than that from its edge
 LIT = 75  # percentile, around a place, of the light and of `whole`: the inside is not seen
-SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -3.0  # see `hidden`
+SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -4.0  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
 

@@ -21,7 +21,7 @@ HAIRLINE_MM = (
 SOFT_MM = 10.0  # vertices whose cover is averaged
 THIN = 1.5  # exponent of cropped hair's density where it ends
 BULK, WIDE = 4, 8.0  # strands so near are hair; how far from the cap fine hairs stand
-AHEAD_MM, FADE_MM = 4.0, 2.5  # of the hair, and how fast they get fewer
+AHEAD_MM, FADE_MM = 7.0, 3.0  # of the hair, and how fast they get fewer
 SPREAD = 0.3  # how much hairs differ in length, brightness, direction
 LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of it
 

@@ -10,6 +10,7 @@ STRAND_MM2, BEARD_MM2 = 5.0, 2.4  # of skin that one Gaussian of a strand hides
 ROOTS = 0.9  # share of the roots' colour where strands are dense
 BULK = 6  # strands: so many near each other are hair, fewer are loose ends
 LIT_MM, SOFT_MM = (10.0, 22.0), 9.0  # from the hair: in its light, out of it; evened so far
+RIM_MM = 3.0, 8.0  # the same for light from behind
 THROUGH = 0.8  # share of the light of strands that gets to the skin between them
 SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
 SHADE = 0.9  # share of the light of both rims that the hair keeps off
@@ -42,12 +43,15 @@ def lit(
     """Skin between strands is lit as they are: light goes through hair, and in full shadow under it
     skin would look like a hole."""
     apart, near = (np.asarray(x) for x in KDTree(hair).query(points, k=BULK))
-    share = np.clip((LIT_MM[1] - apart[:, -1]) / (LIT_MM[1] - LIT_MM[0]), 0, 1)
-    out = np.maximum(visibility, share * THROUGH * seen[near].mean(1).T)
+    share, close = (
+        np.clip((far - apart[:, -1]) / (far - full), 0, 1) for full, far in (LIT_MM, RIM_MM)
+    )
+    shares = np.stack([share, share, close, close])
+    out = np.maximum(visibility, shares * THROUGH * seen[near].mean(1).T)
     tree, visibility = KDTree(points), visibility.copy()
     for row in np.flatnonzero(share > 0):  # no jagged shadows of single cards
         around = tree.query_ball_point(points[row], SOFT_MM)
-        visibility[:, row] += share[row] * (out[:, around].mean(1) - visibility[:, row])
+        visibility[:, row] += shares[:, row] * (out[:, around].mean(1) - visibility[:, row])
     return visibility.astype(np.float32)
 
 
