@@ -102,7 +102,7 @@ BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
 CROPPED, SHAVEN = 0.6, 0.16  # share of the roots' colour on the scalp
 FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
-WHOLLY = 0.7  # of the cap: skin so far inside it is not drawn where hair hides it
+WHOLLY = 0.6  # of the scalp: skin so far inside it is not drawn where hair hides it
 MATTE = 0.9  # share of the skin's gloss that hair keeps off
 GREYER = 0.4  # roots than hair
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
@@ -175,7 +175,8 @@ def make(
         albedo = hairline.rooted(albedo, points, grown.means, root)
         gloss = gloss * (1 - MATTE * np.maximum(onto(cap), hairline.near(points, grown.means)))
         fine = hair.before(assembly, vertices, worn, grown, recipe.tint, recipe.seed)
-        shows = 1 - (onto(cap) > WHOLLY) * mass.hidden(points, grown)
+        inside = onto(np.maximum(cap, rooted.head_of_hair(face.neutral))) > WHOLLY
+        shows = 1 - inside * mass.hidden(points, grown)
         who = replace(
             who, visibility=visible, hair=strands.joined([fine, grown]),
             opacity_factors=who.opacity_factors * shows.astype(np.float32),

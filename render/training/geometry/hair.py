@@ -27,6 +27,7 @@ COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much
 CURLS, CURLS_COUNT, CURLS_DEEP = ("afro01",), 64_000, (2.5, 0.4)  # mm; light below them
 HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
+ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
 FINE_HAIRS, NEAR = 1000, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
@@ -101,7 +102,8 @@ def grow(
     linear = GAIN * np.array(tint, np.float32) ** 2
     body, area = mass(pieces, places - below * outward, whole, bright * seen, linear, rng)
     high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
-    high = np.flatnonzero(high & (best[lit] > SHOWN))
+    alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
+    high = np.flatnonzero(high & (best[lit] > SHOWN) & ~alone)
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
     own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
