@@ -219,7 +219,6 @@ class Decoder:
             biases = self.light.nested(identity.biases)
             used = identity.geometry[self.surface.used]
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
-            rest = self.surface.at_rest(identity.geometry)
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = self.shares @ identity.gloss
             stretch = self.surface.interpolate @ bones.stretch(used)
@@ -227,7 +226,7 @@ class Decoder:
             cache = IdentityCache(
                 biases=biases,
                 light=self.light(neutral, biases),
-                rest=rest,
+                rest=self.surface.at_rest(identity.geometry),
                 reflected=reflected(identity, self.shares, self.density),
                 gloss=gloss,
                 rims=gloss[:, None] * rims,

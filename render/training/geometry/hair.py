@@ -97,10 +97,11 @@ def grow(
     pieces, outward, seen = pieces.of(lit), outward[lit], seen[lit]
     places, whole = sheet(pieces.middles, rng)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
-    seen = np.maximum(smoothed(pieces.middles, seen, rng), dimmest)
-    below, bright = CURLS_DEEP if worn.texture is None else (0, 1)
+    seen = np.maximum(smoothed(pieces.middles, seen, rng), np.float32(dimmest))
+    below, bright = CURLS_DEEP if worn.texture is None else (0.0, 1.0)
     linear = GAIN * np.array(tint, np.float32) ** 2
-    body, area = mass(pieces, places - below * outward, whole, bright * seen, linear, rng)
+    deeper = (places - below * outward).astype(np.float32)
+    body, area = mass(pieces, deeper, whole, np.float32(bright) * seen, linear, rng)
     high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
     alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
     high = np.flatnonzero(high & (best[lit] > SHOWN) & ~alone)

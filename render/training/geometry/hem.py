@@ -17,6 +17,8 @@ from render.training.geometry.assembly import Assembly
 from render.training.look.clothes import height
 from render.types import Floats
 
+Array = NDArray[np.floating]
+
 # Rows of the band from its seam up and over its fold: heights over the neckline, off the skin;
 # which way each faces, from outward; how bright. How wide a row is; a piece, how far apart.
 RISE_MM, OUT_MM = (
@@ -37,10 +39,10 @@ FADE_MM = (-192.0, -168.0)  # as the bust fades
 class Curve(NamedTuple):
     """Places along an edge, [n]."""
 
-    points: Floats  # [n, 3] mm
+    points: Array  # [n, 3] mm
     corners: NDArray[np.integer]  # [n, 3] the triangle each stands on
-    normal: Floats  # [n, 3]
-    along: Floats  # [n, 3]
+    normal: Array  # [n, 3]
+    along: Array  # [n, 3]
 
 
 def collar(
@@ -125,8 +127,8 @@ def neckline(assembly: Assembly, vertices: Floats, used: NDArray[np.integer]) ->
 
 
 def even(
-    starts: Floats,  # [m, 3] mm: pieces of a closed edge, and ...
-    ends: Floats,
+    starts: Array,  # [m, 3] mm: pieces of a closed edge, and ...
+    ends: Array,
     corners: NDArray[np.integer],  # [m, 3] ... their triangles
     vertices: Floats,
     apart: float,  # mm
@@ -143,7 +145,7 @@ def even(
     outward = np.concatenate([normals, normals[:1]])
     sigma = EVEN_MM / apart
 
-    def smooth(values: Floats) -> Floats:
+    def smooth(values: Array) -> Array:
         rows = np.stack([np.interp(at, until, v) for v in values.T], 1)
         return gaussian_filter1d(rows, sigma, axis=0, mode="wrap")
 
@@ -157,7 +159,7 @@ def even(
 
 
 def cloth(
-    lines: Floats,  # [n, 2, 3] mm
+    lines: Array,  # [n, 2, 3] mm
     curve: Curve,
     wide_mm: float,
     vertices: Floats,

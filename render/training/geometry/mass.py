@@ -92,7 +92,7 @@ def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.i
     return rng.permutation(rows)[:count]
 
 
-def cells(points: Floats, size: float) -> NDArray[np.int64]:  # [n, 3] mm -> [n]
+def cells(points: NDArray[np.floating], size: float) -> NDArray[np.int64]:  # [n, 3] mm -> [n]
     """Which cell of a grid each point lies in."""
     x, y, z = np.floor(points / size).astype(np.int64).T
     return (x * 4096 + y) * 4096 + z

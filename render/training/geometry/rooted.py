@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from render.strands import Hair
@@ -112,7 +113,7 @@ def down(vertices: Floats) -> Floats:  # [n, 3] mm -> [n, 3]
     return (vertices - CROWN_MM).astype(np.float32)
 
 
-def _flat(way: Floats, out: Floats) -> Floats:
+def _flat(way: NDArray[np.floating], out: Floats) -> NDArray[np.floating]:
     way = way - (way * out).sum(1, keepdims=True) * out
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
 

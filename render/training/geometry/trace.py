@@ -123,7 +123,8 @@ def _pieces(lines: Floats, bright: Floats) -> Pieces:
     along = (b - a) / (np.linalg.norm(b - a, axis=1, keepdims=True) + 1e-9)
     progress = (step - first[strand] + 0.5) / np.maximum(count[strand] - 1, 1)
     parts = (0.5 * (a + b), along, np.clip(bright[strand], 0.4, 2), np.clip(progress, 0, 1))
-    return Pieces(*(np.asarray(p, np.float32) for p in parts), strand)
+    middles, along, bright, progress = (np.asarray(p, np.float32) for p in parts)
+    return Pieces(middles, along, bright, progress, strand)
 
 
 def strand_quats(along: Floats, normals: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 4] wxyz

@@ -57,7 +57,7 @@ def _line(off: Array, width: float) -> Array:
     return np.exp(-((off / width) ** 2)) - 0.45 * np.exp(-(((off + 1.9 * width) / width) ** 2))
 
 
-def _forehead(places: Places, uneven: Floats) -> Array:
+def _forehead(places: Places, uneven: Array) -> Array:
     height = places.up + 1.3 * uneven + 0.0035 * places.across**2
     out = np.zeros_like(height)
     for middle, deep in FOREHEAD_MM:
@@ -79,7 +79,7 @@ def _frown(places: Places) -> Array:
     return out + 0.7 * root * _line(places.up - 29 - 0.02 * places.across**2, 1.7)
 
 
-def _rays(places: Places, uneven: Floats) -> Array:
+def _rays(places: Places, uneven: Array) -> Array:
     x, y = places.across - CORNER_MM[0], places.up - CORNER_MM[1]
     away, around = np.hypot(x, y), np.degrees(np.arctan2(y, x)) + 5 * uneven
     out = np.zeros_like(x)
