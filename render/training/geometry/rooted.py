@@ -28,7 +28,7 @@ LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of
 
 
 @dataclass(frozen=True)
-class Style:
+class ShortHair:
     """How short hairs are worn."""
 
     length_mm: float
@@ -38,7 +38,7 @@ class Style:
     opacity: float
 
 
-FINE, CROP = Style(10.0, 2, 0.09, 0.16, 0.7), Style(4.2, 1, 0.11, 0.30, 0.85)
+FINE, CROP = ShortHair(10.0, 2, 0.09, 0.16, 0.7), ShortHair(4.2, 1, 0.11, 0.30, 0.85)
 
 
 def head_of_hair(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mean face -> 0..1
@@ -66,7 +66,7 @@ def hairs(
     density: Floats,  # [SKIN_VERTICES] of roots
     flow: Floats,  # [SKIN_VERTICES, 3] the way they lie
     seen: Floats,  # [SKIN_VERTICES, 4] shares of light
-    style: Style,
+    style: ShortHair,
     linear: Floats,  # [3]
     count: int,
     rng: np.random.Generator,
