@@ -158,7 +158,7 @@ def save(who: Identity, folder: Path, card: dict[str, Any], *, private: bool = F
         "hair_albedo": byte(hair.albedo),
         "hair_seen": byte(hair.seen),
         **beards.tensors(who.beard),
-        "wrinkles": np.array([who.wrinkles], np.float32),
+        **({} if who.wrinkles == 1 else {"wrinkles": np.array([who.wrinkles], np.float32)}),
         **{
             f"detail_{preset}": np.rint(np.clip(gain * DETAIL_STEPS, 0, 255)).astype(np.uint8)
             for preset, gain in who.detail.items()
