@@ -18,6 +18,10 @@ from render.types import AHEAD, Floats
 NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
+WHOLLY, RIM_MM = (
+    0.99,
+    6.0,
+)  # of the face, where the layer below it ends: skin there is as wide as off the face
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
@@ -44,9 +48,11 @@ def cover(
     _, _, areas = head.whole.normals(shut)
     shut_stretch = stretch(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
+    front = inner(head, kinds, front, mean_face)
     on_lids, on_lips, on_face = (
-        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (lids, lips, front)
+        head.interpolate @ np.isin(head.used, v).astype(np.float32) for v in (lids, lips, front)
     )
+    on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
@@ -67,6 +73,17 @@ def cover(
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
     return widths, opacities
+
+
+def inner(
+    head: Surface, kinds: NDArray[np.integer], front: NDArray[np.int32], mean_face: Floats
+) -> NDArray[np.int32]:
+    """Vertices of the face but for those near its rim: other skin."""
+    from scipy.spatial import KDTree
+
+    skin = np.unique(head.interpolate[kinds == mesh_parts.SKIN].indices)
+    beyond = mean_face[np.setdiff1d(head.used[skin], front)]
+    return front[np.asarray(KDTree(beyond).query(mean_face[front])[0]) > RIM_MM]
 
 
 def molars(
