@@ -70,8 +70,8 @@ class ListenConfig:
     span_weight: float = 1.0  # of the lips' opening and width
     tongue_weight: float = 1.0
     voice_weight: float = 4.0
-    heard_weight: float = 4.0  # of a voice that is missed, in it; with 1 r above .5 Hz is .003 less
-    miss_weight: float = 8.0  # of lips that are not shut for p, b and m
+    heard_weight: float = 2.0  # of a voice that is missed, in it; with 4 a keyboard moves lips 1 mm
+    miss_weight: float = 6.5  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
     idle_weight: float = 4.0  # of what it moves elsewhere
