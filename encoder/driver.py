@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from encoder.alive.alive import Alive, AliveState
+from encoder.alive.face import evened
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
 from encoder.eyes.gaze_walk import GazeWalk, WalkState
@@ -101,6 +102,8 @@ class Driver:
                 driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
                 return replace(driven, eye_frames=eye_frames), after
             assert isinstance(state.alive, AliveState)
+            if self.eyes is None:  # no camera sees the lids
+                expression = evened(expression, self.alive.shapes)
             made = isinstance(state.gaze, WalkState) and frame.gaze is None
             shown, alive = self.alive.step(frame, expression, gaze, made, state.seed, state.alive)
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)

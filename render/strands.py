@@ -4,21 +4,25 @@ A strand scatters light along cones about itself: lit by what crosses it, with a
 coloured one that went through it, and a glow when the lamp is behind (after Marschner 2003).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from render.lighting import TOWARDS, Lighting, developed
-from render.types import Floats, Gaussians
+from render.types import Density, Floats, Gaussians
 
 DIFFUSE, GLOSS, THROUGH, BEHIND = 0.82, 0.063, 0.70, 1.10  # weights of a lamp's light
 SKY = 0.55
 CENTRE_MM, FLATTENED = np.array([0.0, 15.0, -8.0], np.float32), 0.85  # of a head; its height
+BELOW = 0.35  # of that height: hair below the middle of a head hangs, and faces outward
+
+MOST: dict[Density, int] = {"16k": 18_000, "32k": 18_000}  # Gaussians of hair on thinner heads
+THIN_MM = 1.0  # those across which are a strand
 
 
 @dataclass(frozen=True, eq=False)
 class Hair:
-    """[H] Gaussians of a head of hair at rest."""
+    """[H] Gaussians of a head of hair at rest, those that matter most first."""
 
     means: Floats  # [H, 3] mm
     quats: Floats  # [H, 4] wxyz: x is the strand
@@ -29,6 +33,15 @@ class Hair:
 
     def __len__(self) -> int:
         return len(self.means)
+
+    def of_density(self, density: Density) -> "Hair":
+        """What is drawn of it: of thinner heads the first ones, wider: mass and some strands."""
+        most, across = MOST.get(density, len(self)), self.scales[:, 1]
+        wider = max(len(self) / most, 1) ** 0.5 if most else 1.0
+        scales = self.scales.copy()
+        scales[:, 1] = np.where(across < THIN_MM, wider * across, across)
+        hair = replace(self, scales=scales)
+        return Hair(*(getattr(hair, f.name)[:most] for f in fields(Hair)))
 
     def lit(self, lights: Lighting) -> Gaussians:
         """As drawn."""
@@ -43,9 +56,15 @@ def bald() -> Hair:
     return Hair(*(np.zeros(shape, np.float32) for shape in shapes))
 
 
+def joined(parts: list[Hair]) -> Hair:
+    """All of them together."""
+    names = [f.name for f in fields(Hair)]
+    return Hair(*(np.concatenate([getattr(p, name) for p in parts]) for name in names))
+
+
 def away(points: Floats) -> Floats:  # [n, 3] mm -> [n, 3] unit: out of the head
     out = points - CENTRE_MM
-    out[:, 1] *= FLATTENED
+    out[:, 1] *= np.where(out[:, 1] < 0, BELOW, FLATTENED)
     return (out / (np.linalg.norm(out, axis=1, keepdims=True) + 1e-9)).astype(np.float32)
 
 

@@ -36,9 +36,10 @@ class Wrinkles:
     maps: Floats  # [n, 8] how much darker: kinds on the left side, on the right one
     from_rig: Floats  # [R, 8]
 
-    def fold(self, rig: Floats, colors: Floats) -> None:
-        """Darken colours [N, 3] where an expression [R] folds the skin, in place."""
-        most = amounts(rig, self.from_rig)
+    def fold(self, rig: Floats, colors: Floats, deep: float) -> None:
+        """Darken colours [N, 3] where an expression [R] folds the skin, in place; `deep`: how
+        deep a person's wrinkles are."""
+        most = np.float32(deep) * amounts(rig, self.from_rig)
         if most.any():
             darken(self.rows, self.maps, most, TINT, colors)
 

@@ -41,7 +41,8 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     geometry, skin = _head(maker, parts)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
-        who = with_parts(who, hair=transfer(lender, who))
+        hair, shown = transfer(lender, who), lender.opacity_factors  # 0 of skin that it hides
+        who = with_parts(who, hair=hair, opacity_factors=shown)
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if parts.beard:

@@ -51,6 +51,15 @@ WITH_BLINK = {
 WITH_BREATH = {"noseSneer_L": 0.05, "noseSneer_R": 0.05}
 LID_DOWN = {"eyeLookDown_L": 1.0, "eyeLookDown_R": 1.0}
 LID_UP = {"eyeLookUp_L": 1.0, "eyeLookUp_R": 1.0}
+# What one eye does, the other does: pairs of channels (looks aside go crosswise). The denoiser
+# opens both alike only on average, and less so in emotions; without cameras nothing tells more.
+ALIKE = (
+    *((f"{name}_L", f"{name}_R") for name in (
+        "eyeBlink", "eyeWide", "eyeSquint", "eyeLookUp", "eyeLookDown", "cheekSquint", "noseSneer",
+    )),
+    ("eyeLookIn_L", "eyeLookOut_R"),
+    ("eyeLookOut_L", "eyeLookIn_R"),
+)  # fmt: skip
 LID_RAD = 0.44  # of gaze, at which the lids have followed in full
 
 
@@ -65,6 +74,8 @@ class Shapes:
     lids_down: Floats  # [256]
     lids_up: Floats  # [256]
     reads_blink: Floats  # [256] a code times this is how far the eyes are shut
+    reads_uneven: Floats  # [256, E] a code times this is how far the eyes differ, and ...
+    uneven: Floats  # [E, 256] ... the codes of half of these differences
 
     @classmethod
     def of(cls, names: list[str], to_code: Floats, to_rig: Floats) -> Shapes:
@@ -76,10 +87,13 @@ class Shapes:
                 rig[names.index(name)] = value
             return (rig @ to_code).astype(np.float32)
 
+        left, right = ([names.index(pair[side]) for pair in ALIKE] for side in (0, 1))
         shut = [names.index(f"eyeBlink_{side}") for side in "LR"]
         return cls(
             *map(code, (RELAXED, FLASH, WITH_BLINK, WITH_BREATH, LID_DOWN, LID_UP)),
             reads_blink=to_rig[:, shut].mean(1).astype(np.float32),
+            reads_uneven=(to_rig[:, left] - to_rig[:, right]).astype(np.float32),
+            uneven=(0.5 * (to_code[left] - to_code[right])).astype(np.float32),
         )
 
 
@@ -116,6 +130,11 @@ def changed(
     out += np.float32(shut) * shapes.blink + np.float32(lungs) * shapes.breath
     out += np.float32(abs(gaze_up) / LID_RAD) * lids
     return out
+
+
+def evened(expression: Floats, shapes: Shapes) -> Floats:
+    """An expression [256] whose eyes do the same."""
+    return (expression - expression @ shapes.reads_uneven @ shapes.uneven).astype(np.float32)
 
 
 def _flash(since: int) -> float:

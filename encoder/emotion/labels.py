@@ -26,9 +26,11 @@ EMOTIONS: dict[str, Emotion] = {
         {"mouthSmile": 0.6, "cheekSquint": 0.55, "eyeSquint": 0.3, "browOuterUp": 0.15},
         1.06, 1.14, 1.3, 1.1, 1.05,
     ),
+    # Who frowns or stretches the lips lowers the lower one: with the upper lip as it was, only
+    # lower teeth would show while they speak.
     "sad": Emotion(  # AU 1 + 4 + 15
         {"browInnerUp": 0.6, "browDown": 0.15, "mouthFrown": 0.55, "eyeBlink": 0.15,
-         "mouthShrugLower": 0.2},
+         "mouthShrugLower": 0.2, "mouthUpperUp": 0.15},
         0.82, 0.9, 0.6, 0.7, 0.75,
     ),
     "angry": Emotion(  # AU 4 + 5 + 7 + 23: a stare under low brows, unlike disgusted
@@ -38,7 +40,7 @@ EMOTIONS: dict[str, Emotion] = {
     ),
     "afraid": Emotion(  # AU 1 + 2 + 4 + 5 + 20
         {"browInnerUp": 0.9, "browOuterUp": 0.3, "browDown": 0.2, "eyeWide": 0.85,
-         "mouthStretch": 0.5, "mouthLowerDown": 0.1},
+         "mouthStretch": 0.5, "mouthUpperUp": 0.2},
         1.12, 1.22, 1.1, 0.9, 0.9,
     ),
     "surprised": Emotion(  # AU 1 + 2 + 5 + 26: the jaw drops, unlike excited
@@ -58,7 +60,7 @@ EMOTIONS: dict[str, Emotion] = {
     ),
     "bored": Emotion(  # half-shut lids, a mouth drawn aside and down
         {"eyeBlink": 0.42, "browDown": 0.1, "browInnerUp": 0.1, "mouthFrown": 0.25,
-         "mouthShrugLower": 0.35, "mouthLeft": 0.12},
+         "mouthShrugLower": 0.35, "mouthUpperUp": 0.12, "mouthLeft": 0.12},
         0.8, 0.92, 0.45, 0.75, 0.65,
     ),
     "pained": Emotion(  # AU 4 + 6 + 7 + 9 + 20 + 43: screwed up eyes

@@ -1,26 +1,23 @@
-"""Lashes for anyone: strands that stand on the edges of the lids."""
+"""Lashes for anyone: strands that stand on the edges of the lids and turn with them."""
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
-from render.decoder.beard import Beard, attached, frames, joined
-from render.decoder.lines import Line
+from render.decoder.beard import Beard, attached, joined
 from render.decoder.posing import Posing, Rest
 from render.types import Floats
 
-UPPER, LOWER = (130, 6.0, 0.10, 0.85), (70, 2.8, -0.45, -0.35)  # count, mm, rise, curl
+UPPER, LOWER = (130, 6.0, 0.10, 0.72), (70, 2.8, -0.45, -0.35)  # count, mm, rise, curl
 BINS, PIECES = 24, 3
 WIDTHS_MM = (0.045, 0.034, 0.018)  # standard deviations along a lash
 COLOR = (0.020, 0.015, 0.012)
 EDGE = 4  # vertices of the skin around a place on the edge
-RISE_MM = 2.0  # from the edge to the skin that they stand on: at the edge it folds
+SPAN_MM = 3.5  # along the edge, from a root to the places that it stands between
 
 
 def grow(
     posing: Posing,
     rest: Rest,
-    skin: NDArray[np.integer],  # [F, 3] triangles of the skin
     length: float = 1.0,
     color: tuple[float, float, float] = COLOR,  # linear
 ) -> Beard:
@@ -31,7 +28,8 @@ def grow(
         centre = rest.eye_centers[eye]
         for vertices, kind in ((line.upper, UPPER), (line.lower, LOWER)):
             lines = _lines(rest.geometry, np.unique(vertices), kind, centre, length, rng)
-            parts.append(_standing(lines, rest.geometry, skin, line, color, kind is UPPER))
+            ball = posing.eyeballs[eye]
+            parts.append(_standing(lines, rest.geometry, np.unique(vertices), ball, centre, color))
     return joined(parts)
 
 
@@ -69,21 +67,23 @@ def _lines(
 def _standing(
     lines: Floats,
     face: Floats,
-    skin: NDArray[np.integer],
-    line: Line,
+    edge: NDArray[np.integer],  # [k] vertices along the edge of a lid
+    eyeball: NDArray[np.integer],
+    centre: Floats,
     color: tuple[float, float, float],
-    upper: bool,
 ) -> Beard:
-    """On the triangles of the lid that face forward there."""
-    edge = np.concatenate([line.upper, line.lower])
-    around = skin[np.linalg.norm(face[skin].mean(1) - face[edge].mean(0), axis=1) < 25]
-    forward = frames(face, around)[:, 2, 2] > 0.25
-    around = around[forward]
-    lid = lines[:, 0] + np.array([0, RISE_MM if upper else -RISE_MM, 0], np.float32)
-    _, nearest = KDTree(face[around].mean(1)).query(lid)
+    """On triangles of two places on the edge and one pole of the eyeball, the farther of those that
+    lie beside its centre: these turn about the eye as the lid does, however its skin folds."""
+    edge = edge[np.argsort(face[edge, 0])]
+    xs, root = face[edge, 0], lines[:, 0, 0]
+    apart = np.abs(xs - (root[:, None, None] + np.array([[-SPAN_MM], [SPAN_MM]])))
+    ends = edge[apart.argmin(2)]
+    arm = face[eyeball] - centre
+    poles = eyeball[[(side * arm[:, 0] - np.hypot(*arm[:, 1:].T)).argmax() for side in (1, -1)]]
+    corners = np.column_stack([ends, poles[(root > centre[0]).astype(int)]])
     count = len(lines)
     widths = np.tile(np.array(WIDTHS_MM, np.float32), (count, 1))
     return attached(
-        lines, widths, around[nearest], face, np.full(widths.shape, 0.8, np.float32),
+        lines, widths, corners, face, np.full(widths.shape, 0.8, np.float32),
         np.tile(np.array(color, np.float32), (count, 1)), np.full((count, 4), 0.6, np.float32),
     )  # fmt: skip

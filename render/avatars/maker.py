@@ -21,6 +21,7 @@ from render.decoder.surface import SKIN
 from render.gl.contexts import GLContext, create_context
 from render.gl.occlusion import Occlusion
 from render.types import Density, Floats
+from render.wrinkles import STEPS
 from sensors.types import InputError
 
 HEM_MM = (-192.0, -168.0)  # height on the mean face at which a bust ends
@@ -47,6 +48,11 @@ class Maker:
     def gloss(self) -> Floats:
         """[N] of bare skin, see Identity."""
         return self._t["anchor_gloss"].astype(np.float32) / np.float32(GLOSS_STEPS)
+
+    @cached_property
+    def wrinkles(self) -> Floats:
+        """[N, 4] maps of every kind, see render/wrinkles.py."""
+        return self._t["anchor_wrinkles"].astype(np.float32) / np.float32(STEPS)
 
     @cached_property
     def solid(self) -> NDArray[np.int32]:
@@ -92,7 +98,7 @@ class Maker:
             visibility=np.ascontiguousarray(visibility.T),
             biases=self.biases(rest, skin, bald[:, :2]),
             hair=strands.bald(),
-            beard=lashes.grow(self.posing, rest, self.skin),
+            beard=lashes.grow(self.posing, rest),
             detail=self.thinner(albedo, skin),
         )
 

@@ -16,7 +16,7 @@ from sensors.types import InputError
 
 Form = tuple[str, tuple[int, ...]]  # dtype as safetensors names it, shape
 OWN = ("hair_", "beard_")  # their first dimension is a person's own
-OPTIONAL = ("beard_", "detail_")  # all tensors with this prefix, or none
+OPTIONAL = ("beard_", "detail_", "wrinkles")  # all tensors with this prefix, or none
 MAX_OWN = 200_000  # Gaussians of hair or beard
 FAR_MM = 2000.0  # from the middle of the head
 

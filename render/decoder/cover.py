@@ -18,13 +18,18 @@ from render.types import AHEAD, Floats
 NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
+WHOLLY, RIM_MM = (
+    0.99,
+    6.0,
+)  # of the face, where the layer below it ends: skin there is as wide as off the face
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
-MOLARS_MM = {"lower": (41.0, 47.0), "upper": (30.0, 38.0)}
+MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
+SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
 RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
@@ -43,9 +48,11 @@ def cover(
     _, _, areas = head.whole.normals(shut)
     shut_stretch = stretch(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
+    front = inner(head, kinds, front, mean_face)
     on_lids, on_lips, on_face = (
-        head.interpolate @ np.isin(head.used, v).astype(np.float32) > 0 for v in (lids, lips, front)
+        head.interpolate @ np.isin(head.used, v).astype(np.float32) for v in (lids, lips, front)
     )
+    on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
@@ -66,6 +73,17 @@ def cover(
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
     return widths, opacities
+
+
+def inner(
+    head: Surface, kinds: NDArray[np.integer], front: NDArray[np.int32], mean_face: Floats
+) -> NDArray[np.int32]:
+    """Vertices of the face but for those near its rim: other skin."""
+    from scipy.spatial import KDTree
+
+    skin = np.unique(head.interpolate[kinds == mesh_parts.SKIN].indices)
+    beyond = mean_face[np.setdiff1d(head.used[skin], front)]
+    return front[np.asarray(KDTree(beyond).query(mean_face[front])[0]) > RIM_MM]
 
 
 def molars(
@@ -113,6 +131,8 @@ def turned_out(head: Surface, posing: Posing, face: Floats, visibility: Floats) 
         share = np.clip((RIM_DEG[1] - turn) / (RIM_DEG[1] - RIM_DEG[0]), 0, 1)[:, None]
         lit, dark = np.median(visibility[rows[rows >= 0]], axis=0), visibility[row_of[hidden]]
         visibility[row_of[hidden]] = dark + share * (lit - dark)
+        rows = rows[rows >= 0]
+        visibility[rows] = np.maximum(visibility[rows], SHOWN * lit)
     return visibility
 
 

@@ -54,7 +54,7 @@ class Decoder:
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
     interior: Ints  # [I] Gaussians inside the mouth
-    teeth: Ints  # rows of the used vertices
+    scattering: Ints  # rows of the used vertices: teeth and gums
     tongue_light: TongueLight
     wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
@@ -163,7 +163,7 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        kernels.scatter(self.teeth, TEETH, visibility)
+        kernels.scatter(self.scattering, TEETH, visibility)
         self.tongue_light.fill(vertices, identity.geometry, visibility)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
@@ -172,7 +172,7 @@ class Decoder:
             neck.bend_vertices(vertices, cache.skin, bent)
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
         self.surface.place(*shown, skin, self.lighting, turned)
-        self.wrinkles.fold(rig, skin.colors)
+        self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
             lid = skin.colors[lids].mean(0)
             line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)
@@ -214,11 +214,11 @@ class Decoder:
         """Kept for as long as the identity lives."""
         cache = self._cache.get(identity)
         if cache is None:
+            hair = identity.hair.of_density(self.density)
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
             biases = self.light.nested(identity.biases)
             used = identity.geometry[self.surface.used]
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
-            rest = self.surface.at_rest(identity.geometry)
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = self.shares @ identity.gloss
             stretch = self.surface.interpolate @ bones.stretch(used)
@@ -226,19 +226,19 @@ class Decoder:
             cache = IdentityCache(
                 biases=biases,
                 light=self.light(neutral, biases),
-                rest=rest,
+                rest=self.surface.at_rest(identity.geometry),
                 reflected=reflected(identity, self.shares, self.density),
                 gloss=gloss,
                 rims=gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
-                strands=identity.hair.lit(self.lighting),
+                strands=hair.lit(self.lighting),
                 beard=identity.beard.lit(identity.geometry, self.lighting),
                 cloud=EMPTY,
                 neck=bones,
                 skin=bones.share(identity.geometry),
                 still=bones.share(used),
                 stretch=(stretched, stretch[stretched]),
-                hair=bones.share(identity.hair.means),
+                hair=bones.share(hair.means),
                 eye_sizes=highlights.eye_sizes(
                     self.posing, identity.geometry, identity.eye_centers
                 ),

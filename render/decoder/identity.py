@@ -41,6 +41,7 @@ class Identity:
     biases: tuple[Floats, ...]  # per level [texels, C]
     hair: Hair  # [H]
     beard: Beard  # [B] brows, lashes and beard
+    wrinkles: float = 1.0  # how deep those of an expression are: 1 at middle age
     # [n] by density: factors of the brightness of the Gaussians drawn, of thinner heads
     detail: dict[Density, Floats] = field(default_factory=dict[Density, Floats])
 
@@ -120,6 +121,7 @@ def load(name: str, folder: Path | None = None) -> Identity:
         biases=tuple(t[f"bias{i}"].astype(np.float32) for i in range(count)),
         hair=hair,
         beard=beards.of(t),
+        wrinkles=float(t["wrinkles"][0]) if "wrinkles" in t else 1.0,
         detail={
             preset: t[f"detail_{preset}"].astype(np.float32) / np.float32(DETAIL_STEPS)
             for preset in density.COUNTS
@@ -156,6 +158,7 @@ def save(who: Identity, folder: Path, card: dict[str, Any], *, private: bool = F
         "hair_albedo": byte(hair.albedo),
         "hair_seen": byte(hair.seen),
         **beards.tensors(who.beard),
+        **({} if who.wrinkles == 1 else {"wrinkles": np.array([who.wrinkles], np.float32)}),
         **{
             f"detail_{preset}": np.rint(np.clip(gain * DETAIL_STEPS, 0, 255)).astype(np.uint8)
             for preset, gain in who.detail.items()

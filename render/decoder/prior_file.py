@@ -17,7 +17,7 @@ from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
 from render.tongue_light import TongueLight
-from render.types import Density
+from render.types import Density, Ints
 
 KIND = "prior"
 Tensors = dict[str, NDArray[Any]]
@@ -85,12 +85,17 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
-        "teeth": t["teeth_rows"],
+        "scattering": scattering(t["teeth_rows"], head.used, regions["gums"]),
         "tongue_light": TongueLight.of(head.used, pose.tongue),
         "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,
         "regions": regions,
     }
+
+
+def scattering(teeth: Ints, used: Ints, gums: Ints) -> Ints:
+    """Rows of the used vertices that light each other: teeth [n], and vertices of gums."""
+    return np.union1d(teeth, np.flatnonzero(np.isin(used, gums))).astype(np.int32)
 
 
 def folds(

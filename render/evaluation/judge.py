@@ -95,9 +95,10 @@ class Judge:
         self._dress(who)
         seen, tongue = np.ascontiguousarray(light.T), self.assembly.posing.tongue
         tongue_light.light_tongue(vertices, who.rest.geometry, tongue, tongue, seen)
-        lids = self.assembly.posing.openings(vertices)
+        lit, lids = np.ascontiguousarray(seen.T), self.assembly.posing.openings(vertices)
+        self.assembly.light_gums(lit)
         return self._mesh.draw(
-            vertices, self.assembly.normals(vertices), colors, seen.T, camera,
+            vertices, self.assembly.normals(vertices), colors, lit, camera,
             folds=wrinkles.amounts(rig, self._folds), lids=lids,
         )  # fmt: skip
 

@@ -84,7 +84,7 @@ class PhotoStudio:
         own = brows.grow(
             face, at, self._assembly.normals(at), self.maker.skin, Brows(), dark, index
         )
-        lash = lashes.grow(self.maker.posing, who.rest, self.maker.skin, 1.0)
+        lash = lashes.grow(self.maker.posing, who.rest)
         who = replace(who, hair=hair_transfer.transfer(lender, who), beard=joined([lash, own]))
         light, distance = LIGHTS[index % len(LIGHTS)], float(rng.uniform(*DISTANCES_MM))
         photos = list[Photo]()
@@ -102,7 +102,7 @@ class PhotoStudio:
         geometry = face_data.geometry(face, shares)
         skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
         who = self.maker.identity("scan", geometry, skin, "brown")
-        who = replace(who, beard=lashes.grow(self.maker.posing, who.rest, self.maker.skin, 1.0))
+        who = replace(who, beard=lashes.grow(self.maker.posing, who.rest))
         photos = list[Photo]()
         for yaw in YAWS:
             shot = self.picture(who, LIGHTS[0], yaw, float(rng.uniform(-8, 8)), SCAN_MM)

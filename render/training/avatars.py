@@ -1,104 +1,33 @@
-"""The people who ship: recipes, and how they become avatar files."""
+"""How recipes become avatar files."""
 
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render import strands
 from render.avatars import detail, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
 from render.training.data import people
 from render.training.data.face_data import SKIN_VERTICES
-from render.training.data.people import Skin
 from render.training.fitting.wardrobe import Wardrobe
-from render.training.geometry import beard, hair, hem, teeth
+from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.beard import BeardStyle
-from render.training.look import brows, clothes, hairline, lids
-from render.training.look.brows import Brows
+from render.training.look import brows, clothes, eyes, hairline, lids, wrinkles
+from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, Recipe
 from render.types import Floats
 
-BALD, BUZZ = "bald", "buzz"
-HANGING = ("long01", "afro01")  # styles that hide skin without touching it
-
-
-@dataclass(frozen=True)
-class Recipe:
-    """One avatar."""
-
-    seed: int  # of the 100 identity modes
-    strength: float  # standard deviations of the modes
-    feminine: float  # along the axis of sex; below zero: masculine
-    skins: tuple[str, str, float]  # two skins and the share of the second
-    eye: str
-    style: str  # of hair, or "bald", "buzz"
-    tint: tuple[float, float, float]  # of hair
-    shirt: tuple[float, float, float]
-    skin: Skin = field(default_factory=Skin)
-    brows: Brows = field(default_factory=Brows)
-    lashes: float = 1.0  # length, factor
-    tone: float = 1.0  # gain of the skins
-    stubble: float = 0.0  # 0 shaven .. 1 full
-    beard: BeardStyle | None = None
-    hairs: int = 17_000
-
-
-BLACK, BROWN, DARK = (0.12, 0.10, 0.09), (0.34, 0.21, 0.13), (0.20, 0.14, 0.10)
-BLOND, RED, GREY = (0.56, 0.45, 0.31), (0.44, 0.20, 0.09), (0.58, 0.57, 0.56)
-NAVY, SAND, WINE, MOSS = (
-    (0.16, 0.20, 0.30),
-    (0.62, 0.57, 0.49),
-    (0.36, 0.13, 0.16),
-    (0.24, 0.29, 0.22),
-)
-CHALK, COAL, SKY = (
-    (0.78, 0.77, 0.74),
-    (0.14, 0.14, 0.15),
-    (0.36, 0.47, 0.58),
-)
-FINE, SOFT, FULL = Brows(440, 0.72, 1.2, 1.0), Brows(500, 0.85, 0.6, 0.5), Brows(680, 1.15)
-RECIPES = {
-    "ada": Recipe(5, 0.40, 2.1, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
-                  "green", "bob02_swept", BROWN, MOSS, Skin(0.9, 0.35, 0.5), FINE, 1.15),
-    "ben": Recipe(11, 0.65, -1.6, ("young_lightskinned_male2", "young_lightskinned_male2", 0.0),
-                  "brownlight", "short04", DARK, NAVY, Skin(1.0, 0.0, 0.25), FULL, 0.9,
-                  stubble=0.30),
-    "chen": Recipe(31, 0.6, -0.9, ("young_lightskinned_male3", "middleage_lightskinned_male", 0.4),
-                   "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.3), Brows(600, 1.1), 0.8),
-    "dalia": Recipe(42, 0.5, 1.9,
-                    ("young_lightskinned_female2", "middleage_darkskinned_female", 0.35),
-                    "brown", "long01", BLACK, WINE, Skin(0.8, 0.0, 0.7), SOFT, 1.2, hairs=20_000),
-    "emil": Recipe(53, 0.65, -0.7, ("young_lightskinned_male", "young_lightskinned_male3", 0.5),
-                   "blue", "short03_swept", BLOND, COAL, Skin(1.2, 0.3, 0.3)),
-    "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
-                   "brown", "afro01", (0.13, 0.10, 0.085), CHALK, Skin(0.3, 0.0, 0.5), SOFT, 1.2,
-                   1.22, hairs=18_000),
-    "greta": Recipe(75, 0.6, 1.2,
-                    ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
-                    "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.4), SOFT, 0.9),
-    "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
-                   "grey", BALD, DARK, MOSS, Skin(1.1, 0.0, 0.3), FULL, 0.8, 1.0, 0.9,
-                   BeardStyle(3600, 11.0)),
-    "ines": Recipe(97, 0.45, 1.7,
-                    ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
-                   "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1, hairs=18_000),
-    "joao": Recipe(108, 0.65, -1.3,
-                    ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
-                   "brown", BUZZ, BLACK, SAND, Skin(0.7, 0.0, 0.3), FULL, stubble=0.6,
-                   hairs=9000),
-    "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
-                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
-                   BeardStyle(3600, 7.0, 0.7)),
-    "lena": Recipe(119, 0.5, 2.2,
-                    ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
-                   "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
-                   Brows(440, 0.75, 1.2, 1.0), 1.1, hairs=20_000),
-}  # fmt: skip
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
+CROPPED, SHAVEN = 0.6, 0.16  # share of the roots' colour on the scalp
+FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
+WHOLLY = 0.6  # of the scalp: skin so far inside it is not drawn where hair hides it
+BETWEEN = 0.6, 0.5, 0.3, 0.3  # least shares of light on skin below hair
+MATTE = 0.9  # share of the skin's gloss that hair keeps off
+GREYER = 0.4  # roots than hair
 SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
 
 
@@ -124,12 +53,15 @@ def make(
     if recipe.style not in (BALD, BUZZ):
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
-    who = maker.identity(name, dressed, wardrobe.texture(person), wardrobe.eye(recipe.eye), cover)
-    albedo = calmed(assembly, maker, who)
+    eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites)
+    who = maker.identity(name, dressed, wardrobe.texture(person), eye, cover)
+    albedo, age = calmed(assembly, maker, who), wrinkles.age(recipe.skins)
+    albedo = wrinkles.at_rest(albedo, maker.wrinkles, age)
+    who = replace(who, wrinkles=wrinkles.depth(age))
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
-    strands = [
-        lashes.grow(maker.posing, who.rest, maker.skin, recipe.lashes),
+    standing = [
+        lashes.grow(maker.posing, who.rest, recipe.lashes),
         brows.grow(
             face, vertices, assembly.normals(vertices), maker.skin, recipe.brows,
             (float(dark[0]), float(dark[1]), float(dark[2])), recipe.seed,
@@ -137,39 +69,83 @@ def make(
     ]  # fmt: skip
     if recipe.beard:
         own = np.random.default_rng((recipe.seed, 1))
-        strands.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
-        albedo = bearded(assembly, maker, vertices, albedo, strands[-1], recipe.tint)
-    who = replace(who, beard=joined(strands))
-    if worn is not None:
-        under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
-        hangs = recipe.style in HANGING
-        albedo = scalp(
-            assembly, maker, albedo, worn.cap, recipe.tint, 0.97, under if hangs else None
-        )
-        grown = hair.grow(worn, recipe.tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
-        # Light gets between strands: skin in full shadow under them would look like a hole.
-        cap = np.zeros(len(vertices), np.float32)
-        cap[:SKIN_VERTICES] = worn.cap
-        between = np.maximum(cap[maker.surface.used], 0.8 * under)
-        floor = between * np.array([[0.6], [0.5], [0.3], [0.3]], np.float32)
-        visible = np.maximum(who.visibility, floor)
-        used = vertices[maker.surface.used]
-        visible = hairline.shaded(visible, used, grown.means)
-        root = np.array(recipe.tint, np.float32) * SCALP
-        albedo = hairline.rooted(albedo, maker.surface.interpolate @ used, grown.means, root)
-        who = replace(who, visibility=visible, hair=grown)
-    elif recipe.style == BUZZ:
-        with np.load(face.folder / "hair" / "hair_short03.npz", allow_pickle=False) as z:
-            cap = z["scalp_cap"].astype(np.float32)
-        albedo = scalp(assembly, maker, albedo, cap, recipe.tint, 0.55)
-        grown = hair.cropped(assembly, vertices, cap, recipe.tint, recipe.hairs, recipe.seed)
-        who = replace(who, hair=grown)
+        standing.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
+        albedo = bearded(assembly, maker, vertices, albedo, standing[-1], recipe.tint)
+    who = replace(who, albedo=albedo, beard=joined(standing))
+    if worn is None:
+        who = shaved(assembly, maker, who, recipe)
+    else:
+        who = haired(assembly, maker, who, worn, recipe)
     cloth = clothes.cover(face.neutral, maker.surface)
-    albedo = clothes.dyed(albedo, cloth, recipe.shirt, rng)
-    gloss = who.gloss * (1 - cloth)
-    seen, used = who.visibility, maker.surface.used
-    edge = hem.threads(assembly, vertices, used, seen, recipe.shirt, rng)
-    return replace(who, albedo=albedo, gloss=gloss, beard=joined([who.beard, edge]))
+    shirt = assembly, vertices, maker.surface.used, who.visibility, recipe.shirt
+    return replace(
+        who,
+        albedo=clothes.dyed(who.albedo, cloth, recipe.shirt, rng),
+        gloss=who.gloss * (1 - cloth),
+        beard=joined([who.beard, hem.collar(*shirt), hem.drape(*shirt)]),
+    )
+
+
+def haired(
+    assembly: Assembly, maker: Maker, who: identity.Identity, worn: hair.Cards, recipe: Recipe
+) -> identity.Identity:
+    """With a head of hair, and what that does to the skin below and beside it."""
+    vertices, head, tint = who.geometry, maker.surface, recipe.tint
+    used, root = vertices[head.used], roots(tint)
+    points = head.interpolate @ used
+    under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
+    cap = rooted.softened(vertices[:SKIN_VERTICES], worn.cap) ** rooted.THIN
+    hangs = under if recipe.style in HANGING else None
+    albedo = scalp(assembly, maker, who.albedo, cap, tint, 0.97, hangs)
+    grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
+    fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
+    # Light gets between strands: skin in full shadow under them would look like a hole.
+    between = np.maximum(on_vertices(maker, cap), 0.8 * under)
+    visible = np.maximum(who.visibility, between * np.array(BETWEEN, np.float32)[:, None])
+    visible = hairline.shaded(visible, used, grown.means)
+    matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, grown.means))
+    inside = np.maximum(cap, rooted.head_of_hair(assembly.face.neutral))
+    hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
+    return replace(
+        who,
+        albedo=hairline.rooted(albedo, points, grown.means, root),
+        gloss=(who.gloss * (1 - matte)).astype(np.float32),
+        opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
+        visibility=hairline.lit(visible, used, grown.means, grown.seen),
+        hair=strands.joined([fine, grown]),
+    )
+
+
+def shaved(
+    assembly: Assembly, maker: Maker, who: identity.Identity, recipe: Recipe
+) -> identity.Identity:
+    """Bald, or with hair of a few millimetres."""
+    cover, cropped = rooted.head_of_hair(assembly.face.neutral), recipe.style == BUZZ
+    albedo = evened(maker, who, onto(maker, cover))
+    albedo = scalp(assembly, maker, albedo, cover, recipe.tint, CROPPED if cropped else SHAVEN)
+    who = replace(who, albedo=albedo)
+    if not cropped:
+        return who
+    grown = hair.cropped(assembly, who.geometry, recipe.tint, recipe.hairs, recipe.seed)
+    gloss = who.gloss * (1 - MATTE * onto(maker, cover))
+    return replace(who, hair=grown, gloss=gloss.astype(np.float32))
+
+
+def on_vertices(maker: Maker, cap: Floats) -> Floats:  # [SKIN_VERTICES] -> [U]
+    used = maker.surface.used
+    return np.where(used < SKIN_VERTICES, cap[np.minimum(used, SKIN_VERTICES - 1)], 0)
+
+
+def onto(maker: Maker, cap: Floats) -> Floats:  # [SKIN_VERTICES] -> [N]
+    return maker.surface.interpolate @ on_vertices(maker, cap)
+
+
+def evened(maker: Maker, who: identity.Identity, scalp: Floats) -> Floats:  # [N] -> [N, 3]
+    """A scalp in the colour of the forehead: textures have brown blots there."""
+    (low, high), head = np.array(FOREHEAD_MM), maker.surface
+    points = head.interpolate @ who.geometry[head.used]
+    forehead = np.median(who.albedo[((points > low) & (points < high)).all(1)], 0)
+    return (who.albedo + EVENED * scalp[:, None] * (forehead - who.albedo)).astype(np.float32)
 
 
 def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
@@ -193,31 +169,35 @@ def bearded(
     """Roots show under a beard, and not on the lips."""
     head, middles = maker.surface, np.zeros((len(strands), 3), np.float32)
     strands.attach(vertices, middles, np.zeros((len(strands), 4), np.float32))
-    root, points = np.array(tint, np.float32) * SCALP, head.interpolate @ vertices[head.used]
+    root, points = roots(tint), head.interpolate @ vertices[head.used]
     dyed = hairline.rooted(albedo, points, middles, root, hairline.BEARD_MM2)
     where = beard.where(assembly, maker)[:, None]
     return (albedo + where * (dyed - albedo)).astype(np.float32)
+
+
+def roots(tint: tuple[float, float, float]) -> Floats:  # [3] stored
+    """Their colour on skin: less red than hair, as skin in half shadow is lit redder."""
+    color = np.array(tint, np.float32) * SCALP
+    return color + GREYER * (color.mean() - color)
 
 
 def scalp(
     assembly: Assembly,
     maker: Maker,
     albedo: Floats,
-    cap: NDArray[np.floating],  # [SKIN_VERTICES] 0..1
+    cap: Floats,  # [SKIN_VERTICES] 0..1
     tint: tuple[float, float, float],
     strength: float,
     under: Floats | None = None,  # [U] 0..1 where hair lies over it
 ) -> Floats:
     """Colour the skin under the hair, softly at the hairline: roots, not a bald head, show."""
-    full = np.zeros(len(assembly.face.neutral), np.float32)
-    full[:SKIN_VERTICES] = np.clip(np.asarray(cap, np.float32), 0, 1)
     head = maker.surface
     x, y, z = (head.interpolate @ assembly.face.neutral[head.used]).T
     uneven = np.sin(3.1 * x + np.sin(2.3 * y)) * np.sin(3.7 * y + np.sin(2.9 * z)) * np.sin(3.3 * z)
-    cover = np.clip((head.interpolate @ full[head.used] - 0.30 + 0.22 * uneven) / 0.5, 0, 1)
+    cover = np.clip((onto(maker, cap) - 0.1 + 0.1 * uneven) / 0.8, 0, 1)
     if under is not None:
         cover = np.maximum(cover, head.interpolate @ under)
-    root = np.array(tint, np.float32) * SCALP * (1 + 0.2 * uneven[:, None])
+    root = roots(tint) * (1 + 0.2 * uneven[:, None])
     return (albedo + strength * cover[:, None] * (root - albedo)).astype(np.float32)
 
 
@@ -231,7 +211,7 @@ def run(assembly: Assembly, wardrobe: Wardrobe, folder: Path, card: dict[str, ob
         identity.save(who, folder, {"recipe": asdict(recipe), "detail": detail.card(), **card})
 
 
-def eyes(wardrobe: Wardrobe, maker: Maker) -> dict[str, NDArray[np.uint8]]:
+def eye_colors(wardrobe: Wardrobe, maker: Maker) -> dict[str, NDArray[np.uint8]]:
     """Colours of the eyes' Gaussians in every eye colour: so that anyone can be given eyes."""
     rows, skin = maker.anchor_kinds == mesh_parts.EYE, np.ones((8, 16, 3), np.float32)
     return {

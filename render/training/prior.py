@@ -105,7 +105,7 @@ def run(
     }
     card = {"kind": prior_file.KIND, "rig_names": assembly.face.rig_names, "metrics": metrics}
     weights_file.save(out / "prior", tensors, {**card, **common})
-    tensors |= avatars.eyes(wardrobe, Maker(out))
+    tensors |= avatars.eye_colors(wardrobe, Maker(out))
     weights_file.save(out / "prior", tensors, {**card, **common})
     Decoder.load(out)
     avatars.run(assembly, wardrobe, out, common)

@@ -21,7 +21,7 @@ from render.wrinkles import STEPS
 
 KEPT_REGIONS = (
     *("lips", "lips_upper", "lips_lower", "upper_face", "eyelids", "brows", "eyeball_l"),
-    *("eyeball_r", "inner_mouth_lip_roll", "narrow_face"),
+    *("eyeball_r", "inner_mouth_lip_roll", "narrow_face", "gums"),
 )
 INTERIOR = ("teeth", "gums_tongue", "mouth_socket")
 

@@ -165,7 +165,7 @@ def distort(
     if rng.random() < p + 0.1:
         audio = equalise(audio, rng)
     level = max(float(np.sqrt((audio**2).mean())), 1e-4)
-    if others and rng.random() < p + 0.1:
+    if others and rng.random() < p + 0.3:
         audio = audio + level * 10 ** (-rng.uniform(3, 26) / 20) * others(len(audio), rng)
     if rng.random() < p + 0.1:
         make = noise if rng.random() < 0.5 else _any_noise(rng)

@@ -24,6 +24,7 @@ CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
 RARE = 3  # times as many versions of a talker who has few clips
 RULES_KEPT = 0.3  # share of rule-made clips that are heard, to save time
+ALIKE = 0.5  # share of tracked clips whose other voices say words and pauses like theirs
 OTHERS_DB = (6, 14)  # that other voices are below a plain clip
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
@@ -89,7 +90,7 @@ def hear_pack(
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
     path = pack / "spoken.npz"
-    recipe = f"{recipe} {seed} {versions} {noises} with tongue and plain"
+    recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, alike"
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
@@ -122,6 +123,8 @@ def _parts(
     voices = [clip.voice for clip in clips if clip.truth == "tracked"]
     most = max((voices.count(voice) for voice in set(voices)), default=1)
     rare = {voice for voice in voices if voices.count(voice) < most / 4}
+    many = [c.audio for c in clips if c.truth == "tracked" and c.voice not in rare]
+    same = Crowd(many) if many else crowd  # words and pauses like theirs
     few = [c for c in clips if c.voice in rare and c.truth == "tracked" and (c.phones >= 0).any()]
     for index, clip in enumerate(clips):
         rng = np.random.default_rng([seed, index])
@@ -129,7 +132,9 @@ def _parts(
         if clip.truth == "rules":
             count = int(rng.random() < RULES_KEPT)
         for _ in range(count):
-            yield _cropped(clip, crowd, rng), _WHO.get(clip.truth, clip.voice), rng, False
+            alike = clip.truth == "tracked" and rng.random() < ALIKE
+            others = same if alike else crowd
+            yield _cropped(clip, others, rng), _WHO.get(clip.truth, clip.voice), rng, False
     for index in range(noises):
         rng = np.random.default_rng([seed, len(clips) + index])
         sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
@@ -138,8 +143,6 @@ def _parts(
         silent = np.zeros(LONGEST, np.int64)
         part = Crop(audio=sound, clean=sound, rig=rig, tongue=tongue, gaze=gaze, phones=silent)
         yield part, REST, rng, False
-    many = [c.audio for c in clips if c.truth == "tracked" and c.voice not in rare]
-    same = Crowd(many) if many else crowd  # words and pauses like theirs
     for index, clip in enumerate(few):
         rng = np.random.default_rng([seed, len(clips) + noises + index])
         for others in (None, same.talk):

@@ -146,7 +146,7 @@ def read_light(
 
 @loop
 def scatter(
-    rows: Ints,  # [n] vertices of teeth
+    rows: Ints,  # [n] vertices of teeth and gums
     fit: Floats,  # [3] lighting.TEETH
     seen: Floats,  # [2 and more, U] shares of light; the first two of these rows changed in place
 ) -> None:

@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from render.decoder import posing
 from render.decoder.posing import straightened
-from render.training.data import sex
+from render.training.data import crowns, sex
 from sensors.types import InputError
 
 MM_PER_UNIT = 10.0
 SKIN_VERTICES = 11248  # the first vertices of the mesh are skin, the rest are parts
+# How far a lower lip rolls in, of what the face data has: all of it hides thin lips, as in f and v.
+ROLLED = 0.65
 EYE_PICTURE_DEG = 80.0  # from the pupil to the middle of an edge of an eye's picture
 
 
@@ -66,11 +68,14 @@ def load(folder: Path) -> FaceData:
         rows = materials == name
         places = eye_places(neutral, z[f"region_eyeball_{side}"], mirrored=side == "r")
         uv[z["uv_tris"][rows]] = places[z["tris"][rows]]
+    names, rig = [str(name) for name in z["expr_names"]], z["expr"].astype(np.float32) * MM_PER_UNIT
+    rig[names.index("mouthRollLower")] *= ROLLED
+    regions = {k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")}
     return FaceData(
         folder=folder,
-        neutral=neutral,
-        rig=z["expr"].astype(np.float32) * MM_PER_UNIT,
-        rig_names=[str(name) for name in z["expr_names"]],
+        neutral=crowns.reshaped(neutral, z["tris"], regions),
+        rig=rig,
+        rig_names=names,
         identities=z["ident"],
         faces=z["tris"],
         uv_faces=z["uv_tris"],
@@ -78,7 +83,7 @@ def load(folder: Path) -> FaceData:
         materials=materials,
         vertex_color=z["vertex_color"],
         vertex_ao=z["vertex_ao"],
-        regions={k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")},
+        regions=regions,
         landmarks=z["landmarks68"].astype(np.int32),
     )
 

@@ -29,7 +29,7 @@ class Skin:
 
     blood: float = 1.0  # red of cheeks, nose and ears
     freckles: float = 0.0
-    lips: float = 0.5  # how much redder than the skin around
+    lips: float = 0.5  # how much redder than the skin's texture has them; below 0: less red
 
 
 @dataclass(frozen=True)

@@ -135,18 +135,18 @@ class Studio:
     def _view(
         self, vertices: Floats, seen: Floats, levels: Floats, camera: Camera, lights: Lighting
     ) -> ReferenceView:
-        normals, colors = self._assembly.normals(vertices), self._assembly.colors
-        picture = self._renderer.draw(vertices, normals, colors, seen, camera, lights)
+        self._assembly.light_gums(seen)
+        shown = self._assembly.normals(vertices), self._assembly.colors, seen
+        picture = self._renderer.draw(vertices, *shown, camera, lights)
         head, count = self.surface, len(self.widths)
         placed = surface.SkinGaussians(
             *(np.empty((count, k), np.float32) for k in (3, 4, 3, 3)),
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
-        teeth = np.isin(head.used, self._assembly.face.regions["teeth"])
+        teeth = np.isin(head.used, self._assembly.face.regions["teeth"])  # gums are done
         of_used[:2, teeth] = lighting.scattered(of_used[:2, teeth])
-        still = head.at_rest(vertices)
-        black = np.zeros((count, 3), np.float32)
+        still, black = head.at_rest(vertices), np.zeros((count, 3), np.float32)
         head.place(vertices, of_used, still, black, self.gloss, placed, lights)
         placed.shine[:, 2:] = self.gloss[:, None] * (head.interpolate @ of_used[2:].T)
         carried, _ = head.vertex_attributes(vertices, of_used, still, lights)

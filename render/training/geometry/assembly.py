@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from render import lighting
 from render.decoder import mesh_parts, surface
 from render.decoder.learned.atlas import HEIGHT, WIDTH
 from render.decoder.lines import Lips
@@ -20,7 +21,7 @@ TONGUE_NAMES = ("tongueTipUp", "tongueBackUp")  # inside the mouth; the face dat
 LID_REACH_MM = 21.0  # skin this near the eye's centre slides on the eyeball
 # A raised tip: to the edge of the upper teeth, and over that of the lower ones.
 TIP_MM = -44.0, -38.0  # heights of the underside and the top of the tip at rest, and how ...
-TIP_UP_MM, TIP_FORWARD_MM = (7.0, 11.0), 9.0  # ... far they rise
+TIP_UP_MM, TIP_FORWARD_MM = (7.0, 11.0), 11.5  # ... far they rise
 SMALLEST_MM = 0.05  # displacements below it are left out of the basis
 
 
@@ -64,6 +65,11 @@ class Assembly:
         drawn = self.kinds >= 0
         out[self.face.faces[drawn]] = self.face.uv[self.face.uv_faces[drawn]]
         return out
+
+    def light_gums(self, seen: Floats) -> None:  # [V, 2 or more] shares, changed in place
+        """Teeth and gums light each other: of teeth the renderer knows it, of gums it is told."""
+        gums = self.face.regions["gums"]
+        seen[gums, :2] = lighting.scattered(seen[gums, :2])
 
     @cached_property
     def places(self) -> Floats:

@@ -22,13 +22,14 @@ from render.types import Floats
 Tint = tuple[float, float, float]
 SEGMENTS = 2  # Gaussians along a strand
 UPRIGHT = 0.55  # how much of its first segment a strand stands off the skin; halved in each next
-RADII_MM = (0.30, 0.20)  # of the pieces of a strand: a few hairs
+RADII_MM = (0.22, 0.13)  # of the pieces of a strand: a few hairs
 SPREAD = 0.3  # how much strands differ in length and brightness
 CURL = 0.3  # how far strands leave the flow, most of it together with their tuft
 TUFT = 12  # strands in a tuft
 SHORTEST = 0.35  # of the full length, where a beard begins
 LIP_MM = -36.0  # height of the mouth; strands above it belong to a moustache
 FULL = 2.0  # strands stand closer than the stubble is dark at the edge of a beard
+MOUSTACHE = 2.0  # strands of a moustache stand closer
 EARS_MM = 12.0  # strands grow in front of them
 
 
@@ -51,7 +52,7 @@ def area(assembly: Assembly, used: NDArray[np.int32], cheeks: float = 1.0) -> Fl
     soft = np.clip((upper - y) / 10, 0, 1) * np.clip((y - lower) / 14, 0, 1)
     soft *= np.clip((z + 5) / 25, 0, 1) * (used < SKIN_VERTICES) * ~lips  # not on the ears
     cheek = np.clip((x - 24) / 12, 0, 1) * np.clip((y + 52) / 20, 0, 1)
-    soft *= 1 - 0.8 * cheek * np.clip((72 - x) / 16, 0, 1)
+    soft *= 1 - 0.6 * cheek * np.clip((72 - x) / 16, 0, 1)
     soft *= 1 - (1 - cheeks) * np.clip((x - 22) / 10, 0, 1)
     return soft.astype(np.float32)
 
@@ -130,6 +131,7 @@ def _roots(
     skin = assembly.face.faces[assembly.kinds == mesh_parts.SKIN]
     share = np.clip(FULL * cover[skin].mean(1), 0, 1)
     share *= np.clip((vertices[skin, 2].mean(1) - EARS_MM) / 18, 0, 1)
+    share[_over_lip(vertices[skin].mean(1))] *= MOUSTACHE
     share[np.isin(skin, bare(assembly)).any(1)] = 0
     skin, share = skin[share > 0.02], share[share > 0.02]
     a, b, c = (vertices[skin[:, k]] for k in range(3))

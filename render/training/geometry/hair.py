@@ -12,23 +12,28 @@ from scipy.spatial import KDTree
 
 from render.avatars.textures import sample
 from render.gl.occlusion import Occlusion
-from render.strands import Hair, away
+from render.strands import Hair, away, axes, joined
 from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
+from render.training.geometry import rooted
 from render.training.geometry.assembly import Assembly
-from render.training.geometry.trace import CROWN_MM, Pieces, trace
+from render.training.geometry.mass import SOME, cells, mass, sheet
+from render.training.geometry.trace import Pieces, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
-CANDIDATES = 2  # pieces a Gaussian kept
-STRAND_MM, CURL_MM = (4.4, 0.50, 0.30), (1.5, 0.50, 0.50)  # standard deviations
-CURLS, CURLS_COUNT = ("afro01",), 40_000
-APART_MM = 2.4  # of neighbours, where hair is as thin as STRAND_MM says
-HIDDEN = 0.14  # share of any light below which a piece is left out
-CROP_MM, CROP_SEEN = (0.9, 0.10, 0.10), (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
+STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (1.4, 0.40, 0.40)  # standard deviations, a step long
+SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
+COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
+CURLS, CURLS_COUNT, CURLS_DEEP = ("afro01",), 64_000, (2.5, 0.4)  # mm; light below them
+HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
+CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
+ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
+FINE_HAIRS, NEAR = 1000, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
-FRINGE, FAINT, NEAR_MM = 0.35, 0.5, 7.0  # width and opacity at the hairline, so near the skin
+FRINGE, FAINT = 0.5, 0.6  # width and opacity of strands where the hair ends
+LOWEST_MM = -1.0  # strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
 LIFT_MM = 0.8  # hair stays this far outside the skin
 
@@ -41,6 +46,7 @@ class Cards:
     uv: Floats  # [T, 3, 2]
     texture: Floats | None  # [H, W, 4]; none for curls
     cap: Floats  # [SKIN_VERTICES] 0..1 hair cover of the skin
+    span: int  # steps of a strand that one Gaussian shows
 
 
 def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> Cards:
@@ -50,10 +56,12 @@ def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> 
     bound = vertices[z["bind_idx"]] / MM_PER_UNIT
     points = ((bound * z["bind_w"][..., None]).sum(1) + z["offsets"]) * MM_PER_UNIT
     points = push_out(points.astype(np.float32), vertices, normals)
-    texture = None
+    texture, span = None, LONG_SPAN if style in LONG else SPAN
     if style not in CURLS:
         texture = face.image(f"hair/{style.removesuffix('_swept')}.png")
-    return Cards(points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32))
+    return Cards(
+        points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32), span
+    )
 
 
 def push_out(points: Floats, vertices: Floats, normals: Floats) -> Floats:
@@ -79,94 +87,96 @@ def grow(
         cover = worn.corners
     else:
         directions = strands(worn.corners, worn.uv)
-        pieces, size = trace(worn.corners, worn.uv, worn.texture, directions, rng), STRAND_MM
+        pieces = trace(worn.corners, worn.uv, worn.texture, directions, worn.span, rng)
+        size = (worn.span * STRAND_MM[0], *STRAND_MM[1:])
         cover = opaque(worn)
-    some = evenly(pieces.middles, CANDIDATES * count, rng)
-    middles, outward = pieces.middles[some], away(pieces.middles[some])
-    seen = occlusion(vertices, outward, cover, (middles, outward), offset_mm=4.0)
-    lit = np.flatnonzero(seen.max(1) > HIDDEN)
-    chosen = lit[evenly(middles[lit], count, rng)]
+    outward = away(pieces.middles)
+    seen = occlusion(vertices, outward, cover, (pieces.middles, outward), offset_mm=4.0)
+    best = seen.max(1)
+    lit = np.flatnonzero(best > HIDDEN)
+    pieces, outward, seen = pieces.of(lit), outward[lit], seen[lit]
+    places, whole = sheet(pieces.middles, rng)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
-    rows, seen = some[chosen], np.maximum(smoothed(middles[chosen], seen[chosen]), dimmest)
-    bright = pieces.bright[rows] ** 0.9 * rng.lognormal(0, SPREAD, len(rows))
-    tone = rng.normal(1, (0, 0.03, 0.05), (len(rows), 3)) * bright[:, None]
-    dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress[rows], 0, 1)
-    linear = GAIN * np.array(tint) ** 2 * tone * dark[:, None]
+    seen = np.maximum(smoothed(pieces.middles, seen, rng), np.float32(dimmest))
+    below, bright = CURLS_DEEP if worn.texture is None else (0.0, 1.0)
+    linear = GAIN * np.array(tint, np.float32) ** 2
+    deeper = (places - below * outward).astype(np.float32)
+    body, area = mass(pieces, deeper, whole, np.float32(bright) * seen, linear, rng)
+    high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
+    alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
+    high = np.flatnonzero(high & (best[lit] > SHOWN) & ~alone)
+    rows = high[strands_of(pieces.of(high), count, rng)]
+    pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
+    own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
+    bright = (pieces.bright**0.9 * own[:, 0])[:, None]
+    own[:, 0] = 1
+    dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress, 0, 1)
+    linear = GAIN * np.array(tint) ** 2 * own * bright * dark[:, None]
     scales = np.tile(np.array(size, np.float32), (len(rows), 1))
-    scales *= np.clip(1 + 0.15 * rng.standard_normal((len(rows), 1)), 0.6, 1.5)
-    apart = KDTree(middles[chosen]).query(middles[chosen], k=7)[0][:, 1:].mean(1)
-    scales[:, 1] *= np.clip(apart / APART_MM, 0.8, 1.8)
-    tip = np.clip((1 - pieces.progress[rows]) / 0.15, 0.35, 1)
-    scales[:, 1] *= tip
-    fine = fringe(worn, middles[chosen], vertices)
-    scales[:, 1] *= FRINGE + (1 - FRINGE) * fine
-    return Hair(
-        pieces.middles[rows],
-        strand_quats(pieces.along[rows], outward[chosen]).astype(np.float32),
+    tip = np.clip((1 - pieces.progress) / 0.15, 0.35, 1)
+    across = COVERED * area / (len(rows) * scales[:, :2].prod(1))
+    scales[:, 1] *= tip * np.clip(across, *WIDER) * (FRINGE + (1 - FRINGE) * whole)
+    fibres = Hair(
+        pieces.middles,
+        strand_quats(pieces.along, outward).astype(np.float32),
         scales.astype(np.float32),
-        (OPACITY * (FAINT + (1 - FAINT) * fine)).astype(np.float32),
+        (OPACITY * (FAINT + (1 - FAINT) * whole)).astype(np.float32),
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
     )
+    return joined([body, fibres])
 
 
-def cropped(
-    assembly: Assembly, vertices: Floats, cap: Floats, tint: Tint, count: int, seed: int
-) -> Hair:
-    """A few millimetres of hair all over the cap [SKIN_VERTICES], thin where the cap ends."""
+def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows of at most `count` pieces: whole strands in any order, those through the cells of the
+    finest grid that leaves so many."""
+    long, order = np.bincount(pieces.strand), rng.permutation(len(pieces.strand))
+    chosen = more = np.zeros(0, np.intp)
+    for size in np.geomspace(30, 0.5, 30):
+        places = pieces.middles[order] + rng.uniform(0, size, (len(order), 3))  # no rows
+        first = order[np.unique(cells(places, size), return_index=True)[1]]
+        chosen, more = more, rng.permutation(np.unique(pieces.strand[first]))
+        if long[more].sum() > count:
+            break
+    strands = np.concatenate([chosen, np.setdiff1d(more, chosen)])
+    strands = rng.permutation(strands[np.cumsum(long[strands]) <= count])
+    place = np.full(len(long), -1)
+    place[strands] = np.arange(len(strands))
+    rows = np.flatnonzero(place[pieces.strand] >= 0)
+    return rows[np.argsort(place[pieces.strand[rows]], kind="stable")]
+
+
+def cropped(assembly: Assembly, vertices: Floats, tint: Tint, count: int, seed: int) -> Hair:
+    """A few millimetres of hair, thin where it ends."""
     rng = np.random.default_rng((seed, 3))
-    skin = assembly.face.faces[(assembly.face.faces < SKIN_VERTICES).all(1)]
-    corners, cover = vertices[skin], np.clip(cap, 0, 1)[skin].mean(1)
-    edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.linalg.norm(edges, axis=1) * np.clip((cover - 0.15) / 0.6, 0, 1) ** 1.5
-    chosen = rng.choice(len(skin), count, p=areas / areas.sum())
-    weights = rng.dirichlet((1, 1, 1), count).astype(np.float32)
-    roots = (corners[chosen] * weights[..., None]).sum(1)
-    outward = edges[chosen] / np.linalg.norm(edges[chosen], axis=1, keepdims=True)
-    flow = roots - CROWN_MM
-    flow -= (flow * outward).sum(1, keepdims=True) * outward
-    flow /= np.linalg.norm(flow, axis=1, keepdims=True) + 1e-9
-    along = 0.6 * outward + flow + rng.normal(0, 0.25, roots.shape)
-    along = (along / np.linalg.norm(along, axis=1, keepdims=True)).astype(np.float32)
-    length = CROP_MM[0]
-    size = np.tile(np.array(CROP_MM, np.float32), (count, 1))
-    linear = np.array(tint) ** 2 * rng.lognormal(0, 0.2, (count, 1))
-    return Hair(
-        (roots + 1.2 * length * along).astype(np.float32),
-        strand_quats(along, outward).astype(np.float32),
-        size,
-        np.full(count, OPACITY, np.float32),
-        np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
-        np.tile(np.array(CROP_SEEN, np.float32), (count, 1)),
-    )
+    cover = rooted.head_of_hair(assembly.face.neutral)
+    skin, seen = vertices[:SKIN_VERTICES], np.tile(np.array(CROP_SEEN, "f4"), (SKIN_VERTICES, 1))
+    linear = np.array(tint, np.float32) ** 2
+    flow = rooted.down(skin)
+    return rooted.hairs(assembly, vertices, cover, flow, seen, rooted.CROP, linear, count, rng)
 
 
-def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
-    """About `count` of the points, at most: one in each cell of a grid."""
-    low, high = 0.2, 8.0
-    order = rng.permutation(len(points))
-    rows = order
-    for _ in range(9):
-        size = 0.5 * (low + high)
-        cells = np.floor(points[order] / size).astype(np.int64)
-        key = (cells[:, 0] * 4096 + cells[:, 1]) * 4096 + cells[:, 2]
-        rows = order[np.unique(key, return_index=True)[1]]
-        low, high = (size, high) if len(rows) > count else (low, size)
-    return rng.permutation(rows)[:count]
+def before(
+    assembly: Assembly, vertices: Floats, worn: Cards, grown: Hair, tint: Tint, seed: int
+) -> Hair:
+    """Fine hairs along the hairline, that lie as the hair behind it does."""
+    rng = np.random.default_rng((seed, 6))
+    skin = vertices[:SKIN_VERTICES]
+    near = np.asarray(KDTree(grown.means).query(skin, k=NEAR)[1])
+    flow, seen = axes(grown.quats)[near].mean(1), grown.seen[near].mean(1)
+    into = ((grown.means[near].mean(1) - skin) * flow).sum(1)
+    flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
+    cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))
+    density, linear = rooted.edge(skin, cap, grown.means), np.array(tint, np.float32) ** 2
+    args = density, flow, seen, rooted.FINE, linear, FINE_HAIRS
+    return rooted.hairs(assembly, vertices, *args, rng)
 
 
-def smoothed(points: Floats, seen: Floats) -> Floats:
+def smoothed(points: Floats, seen: Floats, rng: np.random.Generator) -> Floats:
     """Light that reaches hair goes on through it: no hard shadows of single cards."""
-    near = np.asarray(KDTree(points).query(points, k=min(12, len(points)))[1])
+    some = rng.permutation(len(points))[:SOME]
+    near = some[KDTree(points[some]).query(points, k=min(NEAR, len(some)))[1]]
     return seen[near].mean(1).astype(np.float32)
-
-
-def fringe(worn: Cards, points: Floats, vertices: Floats) -> Floats:  # [n]
-    """0 at the hairline, where hair is fine, so that it has no edge; else 1."""
-    distance, near = (np.asarray(x) for x in KDTree(vertices[:SKIN_VERTICES]).query(points))
-    covered = np.clip((np.clip(worn.cap, 0, 1)[near] - 0.1) / 0.7, 0, 1)
-    away = np.clip(distance / NEAR_MM - 1, 0, 1)
-    return np.maximum(covered, away).astype(np.float32)
 
 
 def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -> [U] 0..1
@@ -192,7 +202,8 @@ def _curls(worn: Cards, rng: np.random.Generator) -> Pieces:
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     shade = np.clip(1.05 - 0.09 * depth[:, 0], 0.4, 1.3)
     shade = shade.astype(np.float32)
-    return Pieces(middles, along.astype(np.float32), shade, np.full_like(shade, 0.5))
+    alone = np.arange(CURLS_COUNT)
+    return Pieces(middles, along.astype(np.float32), shade, np.full_like(shade, 0.5), alone)
 
 
 def opaque(worn: Cards) -> Floats:
@@ -209,15 +220,3 @@ def strands(corners: Floats, uv: Floats) -> Floats:  # [T, 3, 3], [T, 3, 2] -> [
     determinant = d1[:, :1] * d2[:, 1:] - d2[:, :1] * d1[:, 1:]
     along = (e2 * d1[:, :1] - e1 * d2[:, :1]) * np.sign(determinant)
     return along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-9)
-
-
-def strand_quats(along: Floats, normals: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 4] wxyz
-    """Rotations whose x axis is the strand and whose z axis is nearest to the normal."""
-    from scipy.spatial.transform import Rotation
-
-    across = np.cross(normals, along)
-    length = np.linalg.norm(across, axis=1, keepdims=True)
-    across = np.where(length > 1e-3, across / (length + 1e-9), np.cross(along, (0.3, 0.9, 0.2)))
-    across /= np.linalg.norm(across, axis=1, keepdims=True)
-    matrix = np.stack([along, across, np.cross(along, across)], -1)
-    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)

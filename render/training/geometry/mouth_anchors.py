@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
+from render.training.data.crowns import ARCH_MM, single
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.scatter import scatter
-from render.training.look.mouth import ARCH_MM, single
 from render.types import Floats, Ints
 
 CROWNS_MM = {"teeth_upper": 11.0, "teeth_lower": 9.5}  # height of a crown, and a bit of its neck
@@ -24,7 +24,7 @@ FACING = 0.2  # cosine to the way out of the arch
 FRONT_MM, BACK_MM, BACK_SHARE = 92.0, 72.0, 0.25  # incisors, molars: their share of the density
 GUM_REACH_MM, GUM_FRONT = 5.0, 14.0  # from the crowns; how much denser
 ROOT_MM, TIP_MM, TIP_DENSER = 55.0, 92.0, 6.0  # of the tongue: not seen, most seen
-WIDTH = 0.72  # standard deviation, in units of the distance to the neighbours
+WIDTH = 0.76  # standard deviation, in units of the distance to the neighbours
 SPARE = 1.04  # thrown, of those that are kept
 
 

@@ -3,22 +3,25 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from render.avatars.textures import sample
 from render.strands import away
 from render.types import Floats
 
-SEEDS, SAMPLES = 9000, 36_000  # strands; places on the cards that the field is read from
-STEP_MM, STEPS = 3.2, 34  # along a strand
-SMOOTH_MM, REACH_MM = 5.0, 5.5  # smoothing of the field; a strand ends this far off the cards
-CROWN_MM = np.array([0.0, 140.0, -25.0])  # hair flows away from it
+SEEDS, SAMPLES = 14_000, 36_000  # strands; places on the cards that the field is read from
+STEP_MM, STEPS = 2.6, 56  # along a strand
+SMOOTH_MM, SMOOTHED = 5.0, 16  # smoothing of the field, and how often
+MIDDLE_MM = 34.0  # half of the width behind the head over which strands turn straight down
+REACH_MM = 5.5  # a strand ends this far off the cards
+CROWN_MM, FALL = np.array([0.0, 140.0, -25.0]), 0.6  # hair flows away from it; and down
 VOLUME_MM, FRIZZ, CLUMP = (
     2.2,
     0.25,
     26,
 )  # mm between layers; stray of a strand; strands of a tuft, which stray together
-LEAST = 4  # steps of a strand that counts
+LEAST = 3  # ends of pieces of a strand that counts
 
 
 @dataclass(frozen=True)
@@ -29,6 +32,11 @@ class Pieces:
     along: Floats  # [n, 3] unit
     bright: Floats  # [n] of the card there, 1 in the middle of all
     progress: Floats  # [n] 0 at the root, 1 at the tip
+    strand: NDArray[np.intp]  # [n] which of them
+
+    def of(self, rows: NDArray[np.intp]) -> "Pieces":
+        """Some of them."""
+        return Pieces(*(part[rows] for part in vars(self).values()))
 
 
 def trace(
@@ -36,9 +44,10 @@ def trace(
     uv: Floats,  # [T, 3, 2]
     texture: Floats,  # [H, W, 4]
     directions: Floats,  # [T, 3] of the strands on each card
+    span: int,  # steps of a piece
     rng: np.random.Generator,
 ) -> Pieces:
-    """Every step of every strand."""
+    """All of every strand."""
     points, along, alpha, light = _field(corners, uv, texture, directions, rng)
     tree, outward = KDTree(points), away(points.astype(np.float32)).astype(np.float64)
     good = np.flatnonzero(alpha > 0.35)
@@ -70,7 +79,7 @@ def trace(
                 lines[:, step] = np.where(alive[:, None], at + lift * out, np.nan)
             off = ((at - middle) * out).sum(1, keepdims=True)
             at = at - 0.35 * off * out + STEP_MM * way
-    return _pieces(lines, (light / np.median(light[alpha > 0.5]))[first])
+    return _pieces(lines[:, ::span], (light / np.median(light[alpha > 0.5]))[first])
 
 
 def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]
@@ -85,15 +94,23 @@ def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-de
     rgba = sample(texture, (uv[chosen] * weights).sum(1).astype(np.float32))
     along = directions[chosen].astype(np.float64)
     flow = points - CROWN_MM
+    flow /= np.linalg.norm(flow, axis=1, keepdims=True) + 1e-9
+    flow[:, 1] -= FALL
     along *= np.where((along * flow).sum(1) < 0, -1.0, 1.0)[:, None]
     outward = away(points.astype(np.float32))
     distance, near = (np.asarray(x) for x in KDTree(points).query(points, k=14))
     weight = np.exp(-((distance / SMOOTH_MM) ** 2)) * np.clip(rgba[near, 3], 0.05, 1)
     weight *= np.clip((outward[near] * outward[:, None]).sum(2), 0, 1)
-    for _ in range(3):
-        turned = np.sign((along[near] * along[:, None]).sum(2)) * weight
-        along = (along[near] * turned[..., None]).sum(1)
+    parts = np.clip(4 * outward[:, 1:2] - 2, 0, 1)  # on top hair parts, elsewhere it goes on
+    behind = np.clip(-4 * outward[:, 2], 0, 1) * (1 - parts[:, 0])
+    across = 1 - behind * np.exp(-((points[:, 0] / MIDDLE_MM) ** 2))  # no seam where sides meet
+    for _ in range(SMOOTHED):
+        alike = (along[near] * along[:, None]).sum(2)
+        alike = np.sign(alike) * (1 - parts) + np.clip(alike, 0, 1) * parts
+        along = (along[near] * (weight * alike)[..., None]).sum(1)
         along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
+    along[:, 0] *= across
+    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     return points, along, rgba[:, 3], rgba[:, :3] @ np.array([0.3, 0.59, 0.11])
 
 
@@ -101,10 +118,22 @@ def _pieces(lines: Floats, bright: Floats) -> Pieces:
     alive = np.isfinite(lines[..., 0])
     count, first = alive.sum(1), alive.argmax(1)
     both = alive[:, 1:] & alive[:, :-1] & (count >= LEAST)[:, None]
-    both[:, STEPS // 2 - 1] = False  # both halves begin there
     strand, step = np.nonzero(both)
     a, b = lines[strand, step], lines[strand, step + 1]
     along = (b - a) / (np.linalg.norm(b - a, axis=1, keepdims=True) + 1e-9)
     progress = (step - first[strand] + 0.5) / np.maximum(count[strand] - 1, 1)
     parts = (0.5 * (a + b), along, np.clip(bright[strand], 0.4, 2), np.clip(progress, 0, 1))
-    return Pieces(*(np.asarray(p, np.float32) for p in parts))
+    middles, along, bright, progress = (np.asarray(p, np.float32) for p in parts)
+    return Pieces(middles, along, bright, progress, strand)
+
+
+def strand_quats(along: Floats, normals: Floats) -> Floats:  # [n, 3], [n, 3] -> [n, 4] wxyz
+    """Rotations whose x axis is the strand and whose z axis is nearest to the normal."""
+    from scipy.spatial.transform import Rotation
+
+    across = np.cross(normals, along)
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    across = np.where(length > 1e-3, across / (length + 1e-9), np.cross(along, (0.3, 0.9, 0.2)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    matrix = np.stack([along, across, np.cross(along, across)], -1)
+    return Rotation.from_matrix(matrix).as_quat(scalar_first=True)

@@ -7,8 +7,9 @@ from render.training.data.face_data import SKIN_VERTICES
 from render.types import Floats
 
 FRONT_MM, BACK_MM = -132.0, -112.0  # height of the neckline in front and behind
-THICK_MM = 2.2
-WEAVE = 0.05  # unevenness of the cloth
+THICK_MM, RAMP_MM = 2.2, 10.0  # of the cloth; over what height it comes
+COLLAR_MM = 3.0  # the skin's colour ends so far down behind the collar
+WEAVE = 0.02  # unevenness of the cloth
 
 
 def height(points: Floats) -> Floats:  # [n, 3] mm on the mean face -> [n] mm above the neckline
@@ -25,9 +26,9 @@ def worn(
 ) -> Floats:  # [V, 3]
     """The skin under the shirt pushed out: the cloth has a thickness."""
     skin = np.arange(SKIN_VERTICES)
-    under = height(neutral[skin]) < 0
+    under = np.clip(-height(neutral[skin]) / RAMP_MM, 0, 1)[:, None]
     out = geometry.copy()
-    out[skin[under]] += THICK_MM * normals[skin[under]]
+    out[skin] += THICK_MM * under * normals[skin]
     return out
 
 
@@ -35,7 +36,7 @@ def cover(neutral: Floats, head: Surface) -> Floats:  # [N] 0..1
     """Which Gaussians lie on the shirt."""
     on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
     points = head.interpolate @ neutral[head.used]
-    return np.clip(0.5 - height(points) / 1.2, 0, 1) * (on_skin > 0.99)
+    return np.clip(0.5 - (height(points) + COLLAR_MM) / 1.2, 0, 1) * (on_skin > 0.99)
 
 
 def dyed(

@@ -46,6 +46,16 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
     return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
 
 
+def toned(picture: Floats, whites: tuple[float, float, float]) -> Floats:
+    """A picture of an eye with other whites: gain of their linear colour."""
+    at = (np.arange(SIZE) + 0.5) / SIZE - 0.5
+    x, y = np.meshgrid(at, at)
+    radius = np.hypot(x, y) / 0.499 * EYE_PICTURE_DEG / IRIS_DEG
+    share = np.clip((radius - 0.94) / 0.10, 0, 1)[..., None]
+    gain = 1 - share * (1 - np.sqrt(np.array(whites)))
+    return (picture * gain).astype(np.float32)
+
+
 def _fibres(face: FaceData, radius: Array, around: Array) -> Floats:  # [...] gain, about 1
     """Of Reom's iris (CC BY), or drawn if that picture is not there."""
     path = face.folder / "reom" / "Iris_BaseColor_Edit.jpg"

@@ -5,10 +5,13 @@ from scipy.spatial import KDTree
 
 from render.types import Floats
 
-NEAR_MM = 5.0  # of strands that are counted around a place
+NEAR_MM = 4.5  # of strands that are counted around a place
 STRAND_MM2, BEARD_MM2 = 5.0, 2.4  # of skin that one Gaussian of a strand hides
 ROOTS = 0.9  # share of the roots' colour where strands are dense
 BULK = 6  # strands: so many near each other are hair, fewer are loose ends
+LIT_MM, SOFT_MM = (10.0, 22.0), 9.0  # from the hair: in its light, out of it; evened so far
+RIM_MM = 3.0, 8.0  # the same for light from behind
+THROUGH = 0.8  # share of the light of strands that gets to the skin between them
 SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
 SHADE = 0.9  # share of the light of both rims that the hair keeps off
 
@@ -21,9 +24,35 @@ def rooted(
     strand_mm2: float = STRAND_MM2,
 ) -> Floats:  # [n, 3]
     """Skin in the colour of the roots, where strands lie over it: else sideburns look striped."""
-    near = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
-    cover = 1 - np.exp(-np.asarray(near) * strand_mm2 / (np.pi * NEAR_MM**2))
+    cover = near(points, hair, strand_mm2)
     return (albedo + ROOTS * cover[:, None] * (root - albedo)).astype(np.float32)
+
+
+def near(points: Floats, hair: Floats, strand_mm2: float = STRAND_MM2) -> Floats:  # [n] 0..1
+    """How much of the skin strands lie over."""
+    count = KDTree(hair).query_ball_point(points, NEAR_MM, return_length=True)
+    return 1 - np.exp(-np.asarray(count) * strand_mm2 / (np.pi * NEAR_MM**2))
+
+
+def lit(
+    visibility: Floats,  # [4, n] of sky, key light and rims
+    points: Floats,  # [n, 3] mm
+    hair: Floats,  # [h, 3] mm
+    seen: Floats,  # [h, 4] of the hair
+) -> Floats:  # [4, n]
+    """Skin between strands is lit as they are: light goes through hair, and in full shadow under it
+    skin would look like a hole."""
+    apart, near = (np.asarray(x) for x in KDTree(hair).query(points, k=BULK))
+    share, close = (
+        np.clip((far - apart[:, -1]) / (far - full), 0, 1) for full, far in (LIT_MM, RIM_MM)
+    )
+    shares = np.stack([share, share, close, close])
+    out = np.maximum(visibility, shares * THROUGH * seen[near].mean(1).T)
+    tree, visibility = KDTree(points), visibility.copy()
+    for row in np.flatnonzero(share > 0):  # no jagged shadows of single cards
+        around = tree.query_ball_point(points[row], SOFT_MM)
+        visibility[:, row] += shares[:, row] * (out[:, around].mean(1) - visibility[:, row])
+    return visibility.astype(np.float32)
 
 
 def shaded(
@@ -33,7 +62,7 @@ def shaded(
 ) -> Floats:  # [4, n]
     """Less of the rims, which shine from behind, beside hair: it stands in their way."""
     apart = np.asarray(KDTree(hair).query(points, k=BULK)[0])[:, -1]
-    near = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
+    share = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
     out = visibility.copy()
-    out[2:] *= (1 - SHADE * near * near * (3 - 2 * near)).astype(np.float32)
+    out[2:] *= (1 - SHADE * share * share * (3 - 2 * share)).astype(np.float32)
     return out

@@ -1,17 +1,18 @@
 """Colours of what has no texture: teeth, gums, tongue and the inside of the cheeks."""
 
 import numpy as np
-from scipy.sparse import csr_array
-from scipy.sparse.csgraph import connected_components
 
+from render.training.data.crowns import ARCH_MM, single
 from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.types import Floats, Ints
 
 CROWN, NECK = (0.80, 0.735, 0.63), (0.70, 0.61, 0.48)  # linear: cool edge, warm at the gum
 UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
-ARCH_MM = 74.0  # the middle of the arch of teeth
 SIDE, SHARP = np.array([0.34, 0.42, 0.52]), 6  # how much darker a tooth is beside the next one
-GUMS, TONGUE, CHEEKS = (0.52, 0.20, 0.19), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
+# How dark towards the throat, by z in mm: cheeks take light from side teeth, most from lower ones.
+UPPER_SHADED = (70.0, 84.0, 96.0), (0.75, 0.35, 0.0)
+LOWER_SHADED = (70.0, 84.0, 92.0, 99.0), (0.85, 0.7, 0.4, 0.0)
+GUMS, TONGUE, CHEEKS = (0.60, 0.27, 0.25), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
 
 
 def colors(face: FaceData) -> Floats:  # [V, 3] stored
@@ -26,25 +27,18 @@ def colors(face: FaceData) -> Floats:  # [V, 3] stored
     out[r["tongue"]] = np.array(TONGUE) * (1 + 0.20 * waves(points[r["tongue"]], 2.3))
     upper, lower = r["teeth_upper"], r["teeth_lower"]
     tip = np.percentile(points[upper, 1], 2), np.percentile(points[lower, 1], 98)
-    for rows, height in (
-        (upper, (points[upper, 1] - tip[0]) / UPPER_MM),
-        (lower, (tip[1] - points[lower, 1]) / LOWER_MM),
+    for rows, height, shaded in (
+        (upper, (points[upper, 1] - tip[0]) / UPPER_MM, UPPER_SHADED),
+        (lower, (tip[1] - points[lower, 1]) / LOWER_MM, LOWER_SHADED),
     ):
         share = np.clip(height, 0, 1)[:, None]
         tooth = np.array(CROWN) * (1 - share) + np.array(NECK) * share
         tooth *= 1 - 0.16 * np.clip(1 - 5 * share, 0, 1) * np.array([1.2, 1.0, 0.7])
-        back = np.clip((100 - points[rows, 2]) / 30, 0, 1)[:, None]
+        back = np.interp(points[rows, 2], *shaded)[:, None]
         tooth *= 1 - SIDE * _beside(face, rows)[:, None] ** SHARP
-        out[rows] = tooth * (1 - 0.25 * back * np.array([0.7, 0.9, 1.2]))
+        out[rows] = tooth * (1 - back * np.array([0.9, 1.0, 1.0]))
     out[inside] = np.sqrt(out[inside])
     return out
-
-
-def single(faces: Ints, count: int) -> Ints:  # [F, 3] -> [count]
-    """Which connected part of the mesh a vertex belongs to: a tooth is one."""
-    rows, columns = faces[:, [0, 1]].ravel(), faces[:, [1, 2]].ravel()
-    joined = csr_array((np.ones(len(rows)), (rows, columns)), shape=(count, count))
-    return connected_components(joined, directed=False)[1]
 
 
 def _beside(face: FaceData, rows: Ints) -> Floats:  # [n] vertices of teeth -> [n] 0..1

@@ -107,7 +107,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
     bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
     ears = np.clip((places.across - 74) / 8, 0, 1)
-    red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.18 * ears
+    red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.05 * ears
     red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
     out = out * np.clip(1 + red[..., None] * np.array([0.10, -0.55, -0.45], np.float32), 0.5, 1.3)
     melanin = 0.030 * relief.patches + 0.015 * relief.grain

@@ -10,19 +10,42 @@ from numpy.typing import NDArray
 from render.training.look.places import Places, soft
 from render.training.look.relief import noise
 from render.types import Floats
+from render.wrinkles import TINT
 
 Array = NDArray[np.floating]
 FOREHEAD_MM = ((66.5, 0.7), (73.5, 1.0), (80.5, 0.9), (87.5, 0.5))  # heights of lines, how deep
 FROWN_MM = ((6.0, 38.0, 60.0), (0.8, 40.0, 56.0))  # off the middle at their foot, from, up to
 CORNER_MM, RAYS_DEG = (46.0, 33.0), (-34, -10, 14, 36)  # of the eye; of rays out of it
 FOLD_MM = ((17.0, 3.0), (23.0, -9.0), (29.0, -21.0), (33.0, -33.0), (34.0, -41.0))  # x, y
-DEPTH = (0.15, 0.16, 0.14, 0.14)  # of stored brightness, where a fold is deepest
+ONE_SIDED = 0.3  # share of unevenness that the sides do not have in common
+AGES = {"young": 0.0, "middleage": 0.5, "old": 1.0}  # by the names of the skins
+LEAST, GROWTH, AT_REST = 0.6, 1.1, 0.35  # depth when young, more when old; and that of a calm face
+DEPTH = (0.15, 0.16, 0.14, 0.22)  # of stored brightness, where a fold is deepest
+
+
+def depth(age: float) -> float:
+    """How deep a person's wrinkles are, 1 a little before middle age; age 0 young .. 1 old."""
+    return LEAST + GROWTH * age
+
+
+def age(skins: tuple[str, str, float]) -> float:  # two skins and the share of the second
+    """0 young .. 1 old."""
+    first, second, mix = skins
+    one, other = (AGES[name.split("_")[0]] for name in (first, second))
+    return (1 - mix) * one + mix * other
+
+
+def at_rest(albedo: Floats, maps: Floats, age: float) -> Floats:  # [N, 3], [N, 4] -> [N, 3]
+    """The albedo with what age leaves of the wrinkles in a calm face."""
+    deep = AT_REST * age * maps.sum(1, keepdims=True)
+    return np.clip(albedo * (1 - TINT * deep), 0, 1).astype(np.float32)
 
 
 def maps(places: Places) -> Floats:  # [SIZE, SIZE, 4]
     """As deep as a face of middle age has them."""
     points = places.points
-    uneven = noise(points, 26, 41, 1)
+    mirrored = np.concatenate([places.across[..., None], points[..., 1:]], -1)
+    uneven = noise(mirrored, 26, 41, 1) + ONE_SIDED * noise(points, 26, 43, 1)
     on = soft((places.face > 0.5).astype(np.float32), 4) * (places.points[..., 2] > 20)
     kinds = (_forehead(places, uneven), _frown(places), _rays(places, uneven), _fold(places))
     depths = zip(DEPTH, kinds, strict=True)
@@ -34,11 +57,11 @@ def _line(off: Array, width: float) -> Array:
     return np.exp(-((off / width) ** 2)) - 0.45 * np.exp(-(((off + 1.9 * width) / width) ** 2))
 
 
-def _forehead(places: Places, uneven: Floats) -> Array:
+def _forehead(places: Places, uneven: Array) -> Array:
     height = places.up + 1.3 * uneven + 0.0035 * places.across**2
     out = np.zeros_like(height)
     for middle, deep in FOREHEAD_MM:
-        broken = np.clip(0.75 + 0.35 * np.roll(uneven, int(middle)), 0.2, 1)
+        broken = np.clip(0.85 + 0.25 * np.roll(uneven, int(middle)), 0.4, 1)
         out += deep * broken * _line(height - middle, 1.7)
     return out * np.clip((46 - places.across) / 16, 0, 1)
 
@@ -56,7 +79,7 @@ def _frown(places: Places) -> Array:
     return out + 0.7 * root * _line(places.up - 29 - 0.02 * places.across**2, 1.7)
 
 
-def _rays(places: Places, uneven: Floats) -> Array:
+def _rays(places: Places, uneven: Array) -> Array:
     x, y = places.across - CORNER_MM[0], places.up - CORNER_MM[1]
     away, around = np.hypot(x, y), np.degrees(np.arctan2(y, x)) + 5 * uneven
     out = np.zeros_like(x)

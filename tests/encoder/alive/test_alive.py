@@ -10,7 +10,7 @@ import pytest
 
 from encoder.alive import motion, tracking
 from encoder.alive.alive import Alive, AliveFrame, AliveState, Mode
-from encoder.alive.face import Shapes
+from encoder.alive.face import ALIKE, Shapes, evened
 from encoder.alive.prosody import Prosody
 from sensors import rotation
 from sensors.rotation import REST, UNIT
@@ -19,10 +19,9 @@ from sensors.session.recording import Recording
 from sensors.types import HeadPose, SensorFrame
 
 ROOT = Path(__file__).parents[3]
-NAMES = ["browDown", "browInnerUp", "browOuterUp", "cheekSquint", "eyeBlink", "eyeLookDown"]
-NAMES = [
-    f"{n}_{s}" for n in [*NAMES, "eyeLookUp", "eyeWide", "mouthSmile", "noseSneer"] for s in "LR"
-]
+BROWS = "browDown", "browInnerUp", "browOuterUp"
+PAIRED = [*BROWS, "mouthSmile", *dict.fromkeys(one[:-2] for pair in ALIKE for one in pair)]
+NAMES = [f"{name}_{side}" for name in PAIRED for side in "LR"]
 EYE = np.eye(len(NAMES), 256, dtype=np.float32)
 SHAPES = Shapes.of(NAMES, EYE, EYE.T.copy())
 AHEAD = np.array([[0, 0, 1], [0, 0, 1]], np.float32)
@@ -204,3 +203,14 @@ def test_the_slow_part_of_a_turn_is_no_work_for_the_eyes(frames: list[SensorFram
     for frame in tracked(frames[:200], TURN):
         _, fast, state = tracking.step(frame, REST, state)
     assert rotation.angle_between(UNIT, fast) < radians(0.2)
+
+
+def test_both_eyes_do_the_same_and_brows_what_they_like() -> None:
+    uneven = np.random.default_rng(0).random(len(FACE)).astype(np.float32)
+    at = NAMES.index
+    even = evened(uneven, SHAPES)
+    for one, other in ALIKE:
+        mean = 0.5 * (uneven[at(one)] + uneven[at(other)])
+        np.testing.assert_allclose(even[[at(one), at(other)]], mean, atol=1e-5)
+    others = np.setdiff1d(np.arange(len(FACE)), [at(name) for pair in ALIKE for name in pair])
+    np.testing.assert_allclose(even[others], uneven[others], atol=1e-5)

@@ -23,7 +23,7 @@ from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
-from encoder.training.streams.opening_line import OpeningLine
+from encoder.training.streams.lip_lines import LipLines
 from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError
@@ -77,7 +77,7 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     heard, x0 = 3 * noise(2, 9, 7), noise(2, 9, 256)
     seen = (torch.cat([heard, heard.sigmoid()], -1) - listener.scale[0]) / listener.scale[1]
     mouth, codes = listener.mouth, student.unstandardise(x0)
-    said = listener.line.beside(listener.direct.said(seen), seen)
+    said = listener.lines.beside(listener.direct.said(seen), seen)
     mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said
     voice = listener.direct.voiced(seen[..., :7]).sigmoid()
     wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
@@ -182,13 +182,13 @@ def test_other_people_talk_below_the_talker() -> None:
     assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
 
 
-def test_the_opening_line_knows_nobody_who_is_left_out() -> None:
+def test_lip_lines_know_nobody_who_is_left_out() -> None:
     frames = spoken({"anna": 60, "ben": 60, RULES: 30})
     scale = torch.zeros(14), torch.ones(14)
 
-    def line() -> OpeningLine:
+    def line() -> LipLines:
         pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=20, rules=0.3, rest=0.3)
-        return OpeningLine.of(pieces, scale, ("anna",), 0.5)
+        return LipLines.of(pieces, scale, ("anna",), (0.5, 0.5))
 
     before = line()
     frames.heard[:60] *= 3
@@ -196,7 +196,7 @@ def test_the_opening_line_knows_nobody_who_is_left_out() -> None:
     frames.heard[60:120] *= 3
     assert not torch.allclose(line().weight, before.weight, rtol=0.1)
     frames.plain[:] = False
-    np.testing.assert_allclose(line().way, 0)  # nobody is left: the network alone
+    np.testing.assert_allclose(line().ways, 0)  # nobody is left: the network alone
 
 
 @torch.no_grad()

@@ -63,4 +63,4 @@ def test_a_beard_survives_its_file_and_fits_another_face(decoder: Decoder, tmp_p
     mesh, cloud = decoder.decode(STILL, AHEAD, who)
     roots = (mesh.vertices[who.beard.corners] * who.beard.shares[..., None]).sum(1)
     away = np.linalg.norm(cloud.means[grown(cloud, who)] - roots, axis=1)
-    assert away.max() < 16
+    assert away[roots[:, 1] > -120].max() < 16  # the rest is cloth, which hangs below the bust

@@ -77,9 +77,10 @@ def test_hair_and_beard_follow(decoder: Decoder) -> None:
     who = identity.load("lena")
     rest, now = skin(decoder, "lena", HeadPose()), skin(decoder, "lena", head)
     last = len(rest) - len(who.beard)
-    low = slice(last - len(who.hair), last)
+    hair = who.hair.of_density(decoder.density)
+    low = slice(last - len(hair), last)
     moved = np.linalg.norm(now.means[low] - rest.means[low], axis=1)
-    heights = who.hair.means[:, 1]
+    heights = hair.means[:, 1]
     assert moved[heights > 100].mean() > 15 and moved[heights < -250].max() < 0.1
     assert not np.allclose(now.quats[low], rest.quats[low])
 
@@ -103,7 +104,7 @@ def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
     matrix = np.stack([rotation.rotate(head.quat, e) for e in np.eye(3).tolist()], 1)
     normals = surface.whole.normals(who.geometry)[0] @ matrix.T.astype(np.float32)
     seen = decoder.visibility(STILL, who)
-    seen[:2, decoder.teeth] = scattered(seen[:2, decoder.teeth])
+    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
     decoder.tongue_light.fill(who.geometry, who.geometry, seen)
     light = surface.interpolate @ STUDIO.shade(normals, seen.T)
     expected = developed((decoder.shares @ who.albedo) ** 2 * light)

@@ -95,7 +95,7 @@ def test_colours_are_albedo_under_light(decoder, talking):
     who, code, vertices, cloud = talking
     surface = decoder.surface
     seen = decoder.visibility(code, who)
-    seen[:2, decoder.teeth] = scattered(seen[:2, decoder.teeth])
+    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
     decoder.tongue_light.fill(vertices, who.geometry, seen)
     normals = np.empty((len(surface.used), 3), np.float32)
     static = np.setdiff1d(np.arange(len(surface.used)), surface.live)
@@ -107,7 +107,7 @@ def test_colours_are_albedo_under_light(decoder, talking):
     own = (decoder.shares @ who.albedo) * who.detail[decoder.density][:, None]
     linear = np.minimum(own, 1) ** 2 * (surface.interpolate @ light)
     expected = developed(linear)
-    decoder.wrinkles.fold(code @ decoder.coding.to_rig, expected)
+    decoder.wrinkles.fold(code @ decoder.coding.to_rig, expected, who.wrinkles)
     rims = decoder.shares @ who.gloss * (surface.interpolate @ seen[2])
     np.testing.assert_allclose(cloud.shine.weights[:, 2], rims, atol=1e-4)
     eyes = np.isin(surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)

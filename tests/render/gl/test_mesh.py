@@ -145,7 +145,7 @@ def test_folds_darken_the_side_that_an_expression_folds(egl_context):
         for f in (amounts, None)
     )
     expected = np.full((2, 3), 0.6, np.float32)
-    folds.fold(rig, expected)
+    folds.fold(rig, expected, 1.0)
     light = lighting.exposed(bare[32, 40].astype(np.float32) / 255) / 0.6**2
     left = lighting.developed(expected[0] ** 2 * light)
     np.testing.assert_allclose(folded[32, 40] / 255, left, atol=2 / 255)  # +x is on the right

@@ -1,0 +1,79 @@
+"""How far the lips are apart and how wide they are, as straight lines of the phones heard.
+
+Beside the network of the direct path, which learns most from the one talker of many clips. A line
+over few principal components learns alike from all: each talker of few clips counts as much as
+another. The two err differently; between them, lips of talkers never seen are followed better.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from encoder.denoiser.config import MOUTH
+from encoder.denoiser.direct import Direct
+from encoder.training.streams.pieces import SpokenPieces
+
+COMPONENTS = (90, 20)  # of the opening, of the width, whose labels say less
+RIDGE = 3e-3  # of the components' mean variance
+
+
+@dataclass(frozen=True)
+class LipLines:
+    """Takes a share of the lips' opening and width from lines, which are in mm."""
+
+    weight: Tensor  # [2 D, 2] of what is seen: log-odds and their sigmoids, standardised
+    offset: Tensor  # [2]
+    ways: Tensor  # [2, MOUTH]: one mm of each line, in its share
+    kept: Tensor  # [MOUTH, MOUTH]: what stays of the network's mouth
+
+    @staticmethod
+    def of(
+        pieces: SpokenPieces,
+        scale: tuple[Tensor, Tensor],
+        without: tuple[str, ...],
+        shares: tuple[float, float],
+    ) -> "LipLines":
+        """Fitted to the plain clips of `pieces`; without any, the lines have no share."""
+        frames, mouth = pieces.frames, pieces.mouth
+        rows = frames.plain & ~np.isin(frames.voice, without)
+        there = torch.tensor(shares)[:, None] * float(rows.any())
+        ways = there * mouth.ways(torch.from_numpy(pieces.truth))
+        heard = torch.from_numpy(frames.heard[rows].astype(np.float32))
+        seen = (torch.cat([heard, heard.sigmoid()], -1) - scale[0]) / scale[1]
+        spans = mouth.spans(torch.from_numpy(pieces.truth[rows]))
+        weight, offset = fit_lines(seen, spans, frames.voice[rows])
+        return LipLines(weight, offset, ways, torch.eye(MOUTH) - mouth.lips @ ways)
+
+    def beside(self, said: Tensor, seen: Tensor) -> Tensor:
+        """The network's mouth [..., MOUTH], with the lines' share."""
+        return said @ self.kept + (seen @ self.weight + self.offset) @ self.ways
+
+    @torch.no_grad()
+    def fold(self, direct: Direct) -> None:
+        """In place: a direct path that says both, of what is seen."""
+        for layer in (direct.move, direct.straight):
+            layer.weight.copy_(self.kept.T @ layer.weight)
+            layer.bias.copy_(self.kept.T @ layer.bias)
+        direct.straight.weight.add_((self.weight @ self.ways).T)
+        direct.straight.bias.add_(self.offset @ self.ways)
+
+
+def fit_lines(seen: Tensor, spans: Tensor, talkers: np.ndarray) -> tuple[Tensor, Tensor]:
+    """seen [N, C], spans [N, 2] mm, talkers [N] str -> weights [C, 2] and offsets [2] of lines."""
+    weight = torch.zeros(len(seen), dtype=torch.float64)
+    for name in np.unique(talkers):
+        rows = torch.from_numpy(talkers == name)
+        weight[rows] = 1 / rows.sum()
+    weight /= weight.sum().clamp(min=1)
+    middle, mean = weight @ seen.double(), weight @ spans.double()
+    apart = (seen - middle) * weight.sqrt()[:, None]
+    variance, ways = torch.linalg.eigh(apart.T @ apart)
+    drawn = ways.T @ (apart.T @ ((spans - mean) * weight.sqrt()[:, None]))
+    lines = torch.zeros_like(drawn)
+    for span, count in enumerate(COMPONENTS):
+        least = RIDGE * variance[-count:].mean()
+        share = drawn[-count:, span] / (variance[-count:] + least).clamp(min=1e-9)
+        lines[:, span] = ways[:, -count:] @ share
+    return lines.float(), (mean - middle @ lines).float()

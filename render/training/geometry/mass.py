@@ -1,0 +1,98 @@
+"""The mass of a head of hair: wide dark Gaussians below its strands, so that no skin and no
+background shows between them. As the layer below the skin (`render/decoder/density.py`).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from render.strands import THIN_MM, Hair, away
+from render.training.geometry.trace import Pieces, strand_quats
+from render.types import Floats
+
+COUNT = 5000
+SOME, NEAR = 20_000, 48  # pieces that tell where the hair is; around a place
+DEPTH_MM, THICK_MM = 1.8, 0.5  # below the strands; standard deviation
+ACROSS, ALONG = 0.68, 0.85  # standard deviations, as a share of the distance to the neighbours
+LIMITS = 0.8, 1.4  # of that distance, in the usual one
+DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
+EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
+FULLER = 1.25  # its opacity grows so much faster than that from its edge
+LIT = 75  # percentile, around a place, of the light and of `whole`: the inside is not seen
+SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -4.0  # see `hidden`
+FEWEST = 0.05  # opacity below which one is left out
+
+
+def sheet(middles: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
+    """Where the hair's surface is near each piece [n, 3] mm; 0 at its edges, from which all hair
+    lies to one side, .. 1 [n]."""
+    some = middles[rng.permutation(len(middles))[:SOME]]
+    distance, near = (np.asarray(x) for x in KDTree(some).query(middles, k=NEAR))
+    places = some[near].mean(1)
+    off, out = places - middles, away(places)
+    off -= (off * out).sum(1, keepdims=True) * out
+    one_sided = np.linalg.norm(off, axis=1) / (distance[:, -1] + 1e-6)
+    whole = np.clip((EDGE[1] - one_sided) / (EDGE[1] - EDGE[0]), 0, 1)
+    return places, (whole * whole * (3 - 2 * whole)).astype(np.float32)
+
+
+def mass(
+    pieces: Pieces,
+    places: Floats,  # [n, 3] mm of the hair's surface there
+    whole: Floats,  # [n] 0 at the edges of the hair .. 1
+    seen: Floats,  # [n, 4] shares of light
+    linear: Floats,  # [3] colour of the hair
+    rng: np.random.Generator,
+) -> tuple[Hair, float]:
+    """It, and how large its surface is, mm^2."""
+    rows = evenly(places, COUNT, rng)
+    some = rng.permutation(len(places))[:SOME]
+    near = some[KDTree(places[some]).query(places[rows], k=NEAR)[1]]
+    along, out = pieces.along[near].mean(1), away(places[rows])
+    along -= (along * out).sum(1, keepdims=True) * out
+    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
+    shown = OPACITY * np.clip(
+        FULLER * np.percentile(whole[near[:, : NEAR // 3]], LIT, axis=1), 0, 1
+    )
+    apart = np.asarray(KDTree(places[rows]).query(places[rows], k=6)[0])[:, 1:].mean(1)
+    apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
+    stays = np.flatnonzero(shown > FEWEST)
+    color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
+    size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)
+    made = Hair(
+        (places[rows] - DEPTH_MM * out)[stays].astype(np.float32),
+        strand_quats(along[stays], out[stays]).astype(np.float32),
+        size[stays].astype(np.float32),
+        shown[stays].astype(np.float32),
+        np.tile(color, (len(stays), 1)).clip(0, 1).astype(np.float32),
+        np.percentile(seen[near], LIT, axis=1)[stays].astype(np.float32),
+    )
+    return made, float((apart**2).sum())
+
+
+def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
+    """What lies below the whole of a mass, from whichever side one looks."""
+    body = np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID))
+    if len(body) < AROUND:
+        return np.zeros(len(points), bool)
+    distance, near = (np.asarray(x) for x in KDTree(hair.means[body]).query(points, k=AROUND))
+    above = ((hair.means[body][near].mean(1) - points) * away(points)).sum(1) > BENEATH_MM
+    return above & (distance.max(1) < REACH_MM)
+
+
+def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """About `count` of the points, at most: one in each cell of a grid."""
+    low, high = 0.2, 20.0
+    order = rng.permutation(len(points))
+    rows = order
+    for _ in range(9):
+        size = 0.5 * (low + high)
+        rows = order[np.unique(cells(points[order], size), return_index=True)[1]]
+        low, high = (size, high) if len(rows) > count else (low, size)
+    return rng.permutation(rows)[:count]
+
+
+def cells(points: NDArray[np.floating], size: float) -> NDArray[np.int64]:  # [n, 3] mm -> [n]
+    """Which cell of a grid each point lies in."""
+    x, y, z = np.floor(points / size).astype(np.int64).T
+    return (x * 4096 + y) * 4096 + z

@@ -1,0 +1,114 @@
+"""Heads of hair: strands over a mass, hairs on the skin, a collar's curve."""
+
+import numpy as np
+import pytest
+
+from render.strands import Hair, axes
+from render.training.geometry import hair, hem, mass, rooted
+from render.training.geometry.trace import Pieces
+from render.training.look import wrinkles
+from render.types import Floats
+
+LINEAR = np.array([0.1, 0.06, 0.03], np.float32)
+
+
+def sheet_of_hair() -> Pieces:
+    """200 strands of 20 pieces, side by side on a plane behind the head, 100 mm across."""
+    x, y = np.meshgrid(np.linspace(-50, 50, 200), np.linspace(65, -35, 20), indexing="ij")
+    middles = np.stack([x, y, np.full_like(x, -100)], -1).reshape(-1, 3).astype(np.float32)
+    down = np.tile(np.array([0, -1, 0], np.float32), (len(middles), 1))
+    progress = np.tile(np.linspace(0, 1, 20, dtype=np.float32), 200)
+    return Pieces(middles, down, np.ones(4000, np.float32), progress, np.repeat(np.arange(200), 20))
+
+
+@pytest.fixture
+def body(monkeypatch: pytest.MonkeyPatch) -> tuple[Hair, float]:
+    """Its mass and how large that is."""
+    monkeypatch.setattr(mass, "COUNT", 500)
+    pieces = sheet_of_hair()
+    rng = np.random.default_rng(0)
+    places, whole = mass.sheet(pieces.middles, rng)
+    return mass.mass(pieces, places, whole, np.full((4000, 4), 0.5, np.float32), LINEAR, rng)
+
+
+def test_whole_strands_are_chosen_all_over_the_head() -> None:
+    pieces = sheet_of_hair()
+    rows = hair.strands_of(pieces, 1000, np.random.default_rng(0))
+    lengths = np.bincount(pieces.strand[rows], minlength=200)
+    assert set(lengths) == {0, 20} and 900 < len(rows) <= 1000
+    chosen = np.sort(np.unique(pieces.strand[rows]))
+    assert np.diff(chosen).max() < 20  # an even choice of every fourth
+    first = pieces.strand[rows[: len(rows) // 2]]
+    assert len(set(first)) <= len(chosen) // 2 + 1  # thinner heads draw whole strands too
+
+
+def test_a_mass_is_opaque_inside_the_hair_and_fades_where_it_ends(body: tuple[Hair, float]) -> None:
+    made, area = body
+    off = np.abs(made.means[:, :2] - (0, 15)).max(1)
+    assert made.opacities[off < 30].min() > 0.9
+    assert made.opacities[off > 45].min() < 0.85
+    assert axes(made.quats)[:, 1].max() < -0.7  # along the strands, as it lies on the head
+    assert (made.albedo**2 < LINEAR).all() and 5_000 < area < 20_000
+
+
+def test_skin_below_a_mass_is_hidden_and_beside_it_is_not(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    points = np.array([[0, 15, -95], [0, 15, -60], [70, 15, -95], [56, 15, -95]], np.float32)
+    assert mass.hidden(points, made).tolist() == [True, False, False, False]
+
+
+def test_thinner_heads_draw_the_first_of_the_hair_and_wider_strands() -> None:
+    count = 40_000
+    scales = np.tile(np.array([3, 0.2, 0.2], np.float32), (count, 1))
+    scales[:10, 1] = 4.0  # of the mass
+    rows = np.arange(count, dtype=np.float32)
+    means, quats = np.repeat(rows[:, None], 3, 1), np.zeros((count, 4), np.float32)
+    whole = Hair(means, quats, scales, rows, means, quats)
+    thin, same = whole.of_density("32k"), whole.of_density("65k")
+    assert len(thin) == 18_000 and len(same) == count
+    np.testing.assert_array_equal(thin.opacities, rows[:18_000])
+    np.testing.assert_allclose(thin.scales[10:, 1], 0.2 * (40 / 18) ** 0.5, rtol=1e-5)
+    np.testing.assert_array_equal(thin.scales[:10, 1], 4.0)
+    np.testing.assert_array_equal(same.scales, scales)
+
+
+def test_cropped_hair_fades_at_the_hairline() -> None:
+    y, z = np.meshgrid(np.arange(-60, 120, 4.0), np.arange(-100, 80, 4.0))
+    side = np.stack([np.full(y.size, 75), y.ravel(), z.ravel()], 1)
+    skin = np.random.default_rng(0).uniform(1e3, 9e3, (rooted.SKIN_VERTICES, 3))  # far away
+    skin[: len(side)] = side
+    cover = rooted.head_of_hair(skin.astype(np.float32))[: len(side)]
+
+    def at(z: float, y: float) -> float:
+        return float(cover[np.argmin(np.hypot(side[:, 2] - z, side[:, 1] - y))])
+
+    assert at(-40, 80) > 0.95 and at(50, 0) == 0 and at(0, 0) == 0  # crown, cheek, ear
+    before = [at(z, 62) for z in (28, 40, 48, 56)]
+    assert all(a >= b for a, b in zip(before, before[1:], strict=False))
+    assert 0 < before[1] < 0.9 and before[3] < 0.1  # over more than a centimetre
+
+
+def test_a_collar_lies_on_a_smooth_curve() -> None:
+    """The edge of a shirt steps from triangle to triangle; its collar does not."""
+    turn = np.linspace(0, 2 * np.pi, 120, endpoint=False)
+    ring = 60 * np.stack([np.sin(turn), np.zeros(120), np.cos(turn)], 1)
+    ring[::4, 1] += 3
+    ring[1::4, 1] += 3
+    vertices = np.concatenate([ring, ring + (0, 6, 0)]).astype(np.float32)
+    corners = np.stack([np.arange(120), np.roll(np.arange(120), -1), np.arange(120) + 120], 1)
+    curve = hem.even(ring, np.roll(ring, -1, 0), corners, vertices, hem.APART_MM)
+    heights: Floats = curve.points[:, 1]
+    assert np.ptp(heights) < 0.2
+    np.testing.assert_allclose(np.linalg.norm(curve.points[:, [0, 2]], axis=1), 60, atol=2)
+    apart = np.linalg.norm(np.diff(curve.points, axis=0), axis=1)
+    np.testing.assert_allclose(apart, apart.mean(), rtol=0.1)
+
+
+def test_wrinkles_come_with_age() -> None:
+    young, old = ("young_a", "young_b", 0.5), ("middleage_a", "old_b", 0.5)
+    assert wrinkles.age(young) == 0 and wrinkles.age(old) == 0.75
+    assert wrinkles.depth(0) < 1 < wrinkles.depth(0.75)
+    albedo, maps = np.full((2, 3), 0.6, np.float32), np.array([[0] * 4, [0.2] * 4], np.float32)
+    np.testing.assert_array_equal(wrinkles.at_rest(albedo, maps, 0), albedo)
+    aged = wrinkles.at_rest(albedo, maps, 0.75)
+    assert (aged[0] == albedo[0]).all() and (aged[1] < albedo[1]).all()
