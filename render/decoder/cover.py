@@ -18,10 +18,9 @@ from render.types import AHEAD, Floats
 NEIGHBOURS = 4
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
-WHOLLY, RIM_MM = (
-    0.99,
-    6.0,
-)  # of the face, where the layer below it ends: skin there is as wide as off the face
+# Skin is the face's where so much of it is, and so far inside its rim: at the rim the layer below
+# ends, and skin is as wide as off the face.
+WHOLLY, RIM_MM = 0.99, 6.0
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole

@@ -47,7 +47,7 @@ def evaluate(data: Path, settings: EmotionSettings) -> None:
             print(f"wrote {path}")
     thresholds = make_thresholds(metrics, list(tables))
     facts = {"seed": settings.seed, "avatar": settings.avatar}
-    facts |= {"test_set": str(data), "truth": "made by rules"}
+    facts |= {"test_set": data.name, "truth": "made by rules"}
     finish({"metrics": metrics, "bars": thresholds, **facts}, settings.report)
 
 

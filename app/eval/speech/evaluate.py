@@ -67,7 +67,7 @@ class SpeechEvaluation(SpeechModels):
         settings = self.settings
         facts = {"seed": settings.seed, "avatar": settings.avatar}
         facts |= {"samples": settings.samples, "segments": settings.segments}
-        facts |= {"test_set": str(self.data), "not_trained": self.missing, **self.facts}
+        facts |= {"test_set": self.data.name, "not_trained": self.missing, **self.facts}
         rounded = {name: round(value, 4) for name, value in metrics.items()}
         return {"metrics": rounded, "bars": thresholds, **facts}
 

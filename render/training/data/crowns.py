@@ -19,7 +19,7 @@ CROWN_MM = {"teeth_upper": 11.0, "teeth_lower": 10.0}  # from the edge to the gu
 NARROWER = {"teeth_upper": 0.08, "teeth_lower": 0.12}  # a crown at the gum, of its widest part
 UPRIGHT = 0.8  # how far a tooth that leans is set upright over its widest part
 WIDEST = 1.8  # most that a place on a crown is widened
-DIP_MM = {"teeth_upper": 0.7, "teeth_lower": 0.7}  # of the gum, between two teeth
+DIP_MM = 0.7  # of the gum, between two teeth
 BEHIND_MM = 1.0  # that it goes in there
 REACH_MM = 5.0  # from the edge of the gum up to which it moves
 SAMPLES = 24  # places a triangle that outlines are measured at
@@ -50,7 +50,7 @@ def reshaped(
         of_jaw = gums[way * (vertices[gums, 1] - middle) > 0]
         around = np.sort([_along(vertices[tooth].mean(0)[None])[0] for tooth in teeth])
         corners = faces[np.isin(faces, of_jaw).all(1)]
-        out[of_jaw] += _moved(vertices, corners, of_jaw, around, DIP_MM[jaw], way)
+        out[of_jaw] += _moved(vertices, corners, of_jaw, around, way)
     return out
 
 
@@ -87,10 +87,9 @@ def _moved(
     faces: Ints,  # [n, 3] of the gum
     gum: Ints,  # [g] vertices
     around: NDArray[np.floating],  # [t] mm along the arch: middles of the teeth, rising
-    dip: float,
     way: int,
 ) -> Floats:  # [g, 3] mm
-    """How gum goes back, so that between two teeth it ends `dip` further than on them, and lies
+    """How gum goes back, so that between two teeth it ends DIP_MM further than on them, and lies
     behind their sides."""
     dense = _dense(vertices, faces)
     places = np.arange(around[0], around[-1], STEP_MM)
@@ -101,7 +100,7 @@ def _moved(
     highest = np.array([edge[np.abs(places - tooth) < 2].max() for tooth in around])
     between = np.interp(places, around, np.arange(len(around)))
     off = 2 * np.abs(between - np.rint(between))
-    wanted = np.interp(places, around, highest) - dip * off**2
+    wanted = np.interp(places, around, highest) - DIP_MM * off**2
     own, height = _along(vertices[gum]), way * vertices[gum, 1]
     first = np.interp(own, places, edge)
     by = np.interp(own, places, np.maximum(wanted - edge, 0), left=0, right=0)

@@ -16,11 +16,8 @@ SMOOTH_MM, SMOOTHED = 5.0, 16  # smoothing of the field, and how often
 MIDDLE_MM = 34.0  # half of the width behind the head over which strands turn straight down
 REACH_MM = 5.5  # a strand ends this far off the cards
 CROWN_MM, FALL = np.array([0.0, 140.0, -25.0]), 0.6  # hair flows away from it; and down
-VOLUME_MM, FRIZZ, CLUMP = (
-    2.2,
-    0.25,
-    26,
-)  # mm between layers; stray of a strand; strands of a tuft, which stray together
+VOLUME_MM, FRIZZ = 2.2, 0.25  # mm between layers; stray of a strand
+CLUMP = 26  # strands of a tuft, which stray together
 LEAST = 3  # ends of pieces of a strand that counts
 
 

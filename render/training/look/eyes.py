@@ -27,9 +27,7 @@ RINGS = 40  # of an iris, each of which is lit evenly
 
 def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..1
     """One colour of eyes."""
-    at = (np.arange(SIZE) + 0.5) / SIZE - 0.5
-    x, y = np.meshgrid(at, -at)
-    away = np.hypot(x, y) / 0.499 * EYE_PICTURE_DEG  # degrees
+    x, y, away = _places()
     radius, around = away / IRIS_DEG, np.arctan2(y, x)
     inner = np.clip((radius - PUPIL) / (1 - PUPIL), 0, 1)
     fibres = _fibres(face, COLLAR + (1 - COLLAR) * inner, around)
@@ -48,12 +46,16 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
 
 def toned(picture: Floats, whites: tuple[float, float, float]) -> Floats:
     """A picture of an eye with other whites: gain of their linear colour."""
-    at = (np.arange(SIZE) + 0.5) / SIZE - 0.5
-    x, y = np.meshgrid(at, at)
-    radius = np.hypot(x, y) / 0.499 * EYE_PICTURE_DEG / IRIS_DEG
-    share = np.clip((radius - 0.94) / 0.10, 0, 1)[..., None]
+    share = np.clip((_places()[2] / IRIS_DEG - 0.94) / 0.10, 0, 1)[..., None]
     gain = 1 - share * (1 - np.sqrt(np.array(whites)))
     return (picture * gain).astype(np.float32)
+
+
+def _places() -> tuple[Array, Array, Array]:
+    """[SIZE, SIZE] each: x, y up, and degrees from the pupil."""
+    at = (np.arange(SIZE) + 0.5) / SIZE - 0.5
+    x, y = np.meshgrid(at, -at)
+    return x, y, np.hypot(x, y) / 0.499 * EYE_PICTURE_DEG
 
 
 def _fibres(face: FaceData, radius: Array, around: Array) -> Floats:  # [...] gain, about 1
