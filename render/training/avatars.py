@@ -28,7 +28,7 @@ WHOLLY = 0.6  # of the scalp: skin so far inside it is not drawn where hair hide
 BETWEEN = 0.6, 0.5, 0.3, 0.3  # least shares of light on skin below hair
 MATTE = 0.9  # share of the skin's gloss that hair keeps off
 GREYER = 0.4  # roots than hair
-SCALP = 0.85  # brightness of a covered scalp, as a share of the hair's
+SCALP = 0.8, 0.5  # brightness of a covered scalp, as a share of the hair's, and more if light
 
 
 def make(
@@ -82,6 +82,7 @@ def make(
         who,
         albedo=clothes.dyed(who.albedo, cloth, recipe.shirt, rng),
         gloss=who.gloss * (1 - cloth),
+        visibility=clothes.shaded(who.visibility, face.neutral[maker.surface.used]),
         beard=joined([who.beard, hem.collar(*shirt), hem.drape(*shirt)]),
     )
 
@@ -95,7 +96,7 @@ def haired(
     points = head.interpolate @ used
     under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
     cap = rooted.softened(vertices[:SKIN_VERTICES], worn.cap) ** rooted.THIN
-    hangs = under if recipe.style in HANGING else None
+    hangs = rooted.softened(used, under) if recipe.style in HANGING else None
     albedo = scalp(assembly, maker, who.albedo, cap, tint, 0.97, hangs)
     grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
     fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
@@ -105,13 +106,14 @@ def haired(
     visible = hairline.shaded(visible, used, grown.means)
     matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, grown.means))
     inside = np.maximum(cap, rooted.head_of_hair(assembly.face.neutral))
+    visible = hairline.lit(visible, used, grown.means, grown.seen)
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
         who,
         albedo=hairline.rooted(albedo, points, grown.means, root),
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
-        visibility=hairline.lit(visible, used, grown.means, grown.seen),
+        visibility=hairline.cast(visible, used, grown.means),
         hair=strands.joined([fine, grown]),
     )
 
@@ -177,7 +179,8 @@ def bearded(
 
 def roots(tint: tuple[float, float, float]) -> Floats:  # [3] stored
     """Their colour on skin: less red than hair, as skin in half shadow is lit redder."""
-    color = np.array(tint, np.float32) * SCALP
+    color = np.array(tint, np.float32)
+    color *= SCALP[0] + SCALP[1] * color.mean()
     return color + GREYER * (color.mean() - color)
 
 

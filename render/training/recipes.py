@@ -28,7 +28,7 @@ class Recipe:
     tone: float = 1.0  # gain of the skins
     stubble: float = 0.0  # 0 shaven .. 1 full
     beard: BeardStyle | None = None
-    hairs: int = 25_000
+    hairs: int = 22_600
     whites: tuple[float, float, float] = (1, 1, 1)  # of the eyes: gain
 
 
@@ -78,7 +78,7 @@ RECIPES = {
                    hairs=16_000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.3), FULL, 1.0, 1.22, 0.9,
-                   BeardStyle(3600, 7.0, 0.7), hairs=18_500, whites=WARM),
+                   BeardStyle(3600, 7.0, 0.7), hairs=16_100, whites=WARM),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),

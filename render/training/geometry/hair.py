@@ -17,18 +17,20 @@ from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
 from render.training.geometry import rooted
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.mass import SOME, cells, mass, sheet
-from render.training.geometry.trace import Pieces, strand_quats, trace
+from render.training.geometry.trace import Pieces, in_line, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
-STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (1.4, 0.40, 0.40)  # standard deviations, a step long
+STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (0.85, 0.27, 0.27)  # standard deviations, a step long
 SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
-CURLS, CURLS_COUNT, CURLS_DEEP = ("afro01",), 64_000, (2.5, 0.4)  # mm; light below them
+CURLS, CURLS_DEEP = ("afro01",), (2.5, 0.4)  # mm; light below them
+COILS, TURNS, COIL_PIECES = 11_000, 0.95, 5  # springs of tight curls
+COIL_MM, PITCH_MM, ASKEW_MM = (0.9, 1.9), (1.2, 3.0), 2.5  # radii, lengths, how uneven tufts are
 HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
-FINE_HAIRS, NEAR = 1000, 16  # along the hairline; strands that tell how they lie
+FINE_HAIRS, NEAR = 2200, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
@@ -104,7 +106,9 @@ def grow(
     body, area = mass(pieces, deeper, whole, np.float32(bright) * seen, linear, rng)
     high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
     alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
-    high = np.flatnonzero(high & (best[lit] > SHOWN) & ~alone)
+    if worn.texture is not None:
+        high &= (best[lit] > SHOWN) & ~alone & in_line(pieces.middles, pieces.along)
+    high = np.flatnonzero(high)
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
     own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
@@ -167,7 +171,8 @@ def before(
     into = ((grown.means[near].mean(1) - skin) * flow).sum(1)
     flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
     cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))
-    density, linear = rooted.edge(skin, cap, grown.means), np.array(tint, np.float32) ** 2
+    normals, linear = assembly.normals(vertices)[:SKIN_VERTICES], np.array(tint, np.float32) ** 2
+    density = rooted.edge(skin, normals, cap, grown.means)
     args = density, flow, seen, rooted.FINE, linear, FINE_HAIRS
     return rooted.hairs(assembly, vertices, *args, rng)
 
@@ -186,24 +191,35 @@ def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -
 
 
 def _curls(worn: Cards, rng: np.random.Generator) -> Pieces:
-    """Short arcs of tight curls, in tufts, under the hull of a style."""
+    """Springs of tight curls, in tufts, under the hull of a style."""
     edges = worn.corners[:, 1:] - worn.corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    chosen = rng.choice(len(area), CURLS_COUNT, p=area / area.sum())
-    u, v = rng.random((2, CURLS_COUNT))
+    chosen = rng.choice(len(area), COILS, p=area / area.sum())
+    u, v = rng.random((2, COILS))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
     hull = (worn.corners[chosen] * np.stack([1 - u - v, u, v], 1)[..., None]).sum(1)
+    tufts = KDTree(hull[: COILS // 14]).query(hull)[1]
+    hull = hull + rng.normal(0, ASKEW_MM, hull.shape)[tufts]
     outward = away(hull.astype(np.float32))
-    depth = rng.uniform(-2.5, 6, (CURLS_COUNT, 1)) * rng.uniform(0.3, 1, (CURLS_COUNT, 1))
-    middles = (hull - outward * depth).astype(np.float32)
-    tufts = KDTree(middles[: CURLS_COUNT // 14]).query(middles)[1]
-    axis = rng.standard_normal((CURLS_COUNT, 3))[tufts] + 0.5 * outward
-    along = np.cross(axis, rng.standard_normal((CURLS_COUNT, 3)))
-    along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    shade = np.clip(1.05 - 0.09 * depth[:, 0], 0.4, 1.3)
-    shade = shade.astype(np.float32)
-    alone = np.arange(CURLS_COUNT)
-    return Pieces(middles, along.astype(np.float32), shade, np.full_like(shade, 0.5), alone)
+    depth = rng.uniform(-2.5, 6, (COILS, 1)) * rng.uniform(0.3, 1, (COILS, 1))
+    middle = hull - outward * depth
+    axis = rng.standard_normal((COILS, 3))[tufts] + 0.5 * rng.standard_normal((COILS, 3)) + outward
+    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
+    across = np.cross(axis, rng.standard_normal((COILS, 3)))
+    across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-9
+    other = np.cross(axis, across)
+    radius, pitch = (rng.uniform(*mm, (COILS, 1, 1)) for mm in (COIL_MM, PITCH_MM))
+    at = np.linspace(-0.5, 0.5, COIL_PIECES)[:, None]
+    sin, cos = np.sin(2 * np.pi * TURNS * at), np.cos(2 * np.pi * TURNS * at)
+    around = radius * (cos * across[:, None] + sin * other[:, None])
+    turning = 2 * np.pi * TURNS * radius * (cos * other[:, None] - sin * across[:, None])
+    lines = middle[:, None] + around + pitch * at * axis[:, None]
+    along = turning + pitch * axis[:, None]
+    along /= np.linalg.norm(along, axis=2, keepdims=True)
+    shade = np.clip(1.05 - 0.09 * depth[:, 0], 0.4, 1.3).repeat(COIL_PIECES).astype(np.float32)
+    middles, along = (x.reshape(-1, 3).astype(np.float32) for x in (lines, along))
+    strand = np.arange(COILS).repeat(COIL_PIECES)
+    return Pieces(middles, along, shade, np.full_like(shade, 0.5), strand)
 
 
 def opaque(worn: Cards) -> Floats:

@@ -17,8 +17,8 @@ ACROSS, ALONG = 0.68, 0.85  # standard deviations, as a share of the distance to
 LIMITS = 0.8, 1.4  # of that distance, in the usual one
 DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
-FULLER = 1.25  # its opacity grows so much faster than that from its edge
-LIT = 75  # percentile, around a place, of the light and of `whole`: the inside is not seen
+WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
+MATTE = 0.4  # of the lamps that it sees, and more if light: what glints is strands
 SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -4.0  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
@@ -51,13 +51,13 @@ def mass(
     along, out = pieces.along[near].mean(1), away(places[rows])
     along -= (along * out).sum(1, keepdims=True) * out
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
-    shown = OPACITY * np.clip(
-        FULLER * np.percentile(whole[near[:, : NEAR // 3]], LIT, axis=1), 0, 1
-    )
+    shown = OPACITY * np.percentile(whole[near[:, : NEAR // 3]], WHOLE, axis=1)
     apart = np.asarray(KDTree(places[rows]).query(places[rows], k=6)[0])[:, 1:].mean(1)
     apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
     stays = np.flatnonzero(shown > FEWEST)
     color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
+    matte = min(MATTE + LIGHT * np.sqrt(linear.mean()), 1)
+    light = np.percentile(seen[near], LIT, axis=1) * (1, matte, matte, matte)
     size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)
     made = Hair(
         (places[rows] - DEPTH_MM * out)[stays].astype(np.float32),
@@ -65,7 +65,7 @@ def mass(
         size[stays].astype(np.float32),
         shown[stays].astype(np.float32),
         np.tile(color, (len(stays), 1)).clip(0, 1).astype(np.float32),
-        np.percentile(seen[near], LIT, axis=1)[stays].astype(np.float32),
+        light[stays].astype(np.float32),
     )
     return made, float((apart**2).sum())
 

@@ -21,8 +21,11 @@ HAIRLINE_MM = (
 )  # fmt: skip
 SOFT_MM = 10.0  # vertices whose cover is averaged
 THIN = 1.5  # exponent of cropped hair's density where it ends
-BULK, WIDE = 4, 8.0  # strands so near are hair; how far from the cap fine hairs stand
-AHEAD_MM, FADE_MM = 7.0, 3.0  # of the hair, and how fast they get fewer
+BULK, WIDE = 4, 4.0  # strands so near are hair; how far from the cap fine hairs stand
+LIES_MM, BARE_MM = 30.0, 3.5  # hair so near skin lies on it; skin so far from any is bare
+# Fine hairs by how far from the edge of the hair they stand, mm: inside it none .. all; before it
+# all .. none. How uneven that edge is.
+INSIDE_MM, BEFORE_MM, UNEVEN_MM = (-13.0, -4.0), (1.0, 9.0), 3.0
 SPREAD = 0.3  # how much hairs differ in length, brightness, direction
 LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of it
 
@@ -38,7 +41,7 @@ class ShortHair:
     opacity: float
 
 
-FINE, CROP = ShortHair(10.0, 2, 0.09, 0.16, 0.7), ShortHair(4.2, 1, 0.11, 0.30, 0.85)
+FINE, CROP = ShortHair(15.0, 2, 0.12, 0.14, 0.8), ShortHair(4.2, 1, 0.11, 0.30, 0.85)
 
 
 def head_of_hair(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mean face -> 0..1
@@ -118,9 +121,17 @@ def _flat(way: NDArray[np.floating], out: Floats) -> NDArray[np.floating]:
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
 
 
-def edge(skin: Floats, cap: Floats, hair: Floats) -> Floats:  # [n, 3] mm, [n] 0..1, [h, 3] mm
-    """Density [n] of the fine hairs: beside the hair, where a head of hair ends."""
-    apart = np.asarray(KDTree(hair).query(skin, k=BULK)[0])[:, -1]
-    return np.clip(WIDE * softened(skin, cap), 0, 1) * np.exp(
-        -(((apart - AHEAD_MM) / FADE_MM) ** 2)
-    )
+def edge(skin: Floats, normals: Floats, cap: Floats, hair: Floats) -> Floats:
+    """Density [n] of fine hairs on skin [n, 3] mm: across the edge of the hair [h, 3] mm that lies
+    on it, where a head of hair ends by its cap [n] 0..1."""
+    at = np.asarray(KDTree(skin).query(hair)[1])
+    height = ((hair - skin[at]) * normals[at]).sum(1)
+    feet = (hair - height[:, None] * normals[at])[height < LIES_MM]
+    apart = np.asarray(KDTree(feet).query(skin, k=BULK)[0])[:, -1]
+    bare = apart > BARE_MM
+    within = np.asarray(KDTree(skin[bare]).query(skin)[0])
+    x, y, z = skin.T
+    wave = np.sin(0.55 * x + np.sin(0.4 * y)) * np.sin(0.6 * y + np.sin(0.5 * z)) + np.sin(0.8 * z)
+    off = np.where(bare, apart - BARE_MM, -within) + UNEVEN_MM * wave
+    density = np.interp(off, INSIDE_MM + BEFORE_MM, (0, 1, 1, 0)) ** 2
+    return np.clip(WIDE * softened(skin, cap), 0, 1) * density

@@ -19,6 +19,7 @@ CROWN_MM, FALL = np.array([0.0, 140.0, -25.0]), 0.6  # hair flows away from it; 
 VOLUME_MM, FRIZZ = 2.2, 0.25  # mm between layers; stray of a strand
 CLUMP = 26  # strands of a tuft, which stray together
 LEAST = 3  # ends of pieces of a strand that counts
+AROUND, ASTRAY = 24, 0.85  # pieces; less of the cosine to the way they go is a spike, not hair
 
 
 @dataclass(frozen=True)
@@ -77,6 +78,14 @@ def trace(
             off = ((at - middle) * out).sum(1, keepdims=True)
             at = at - 0.35 * off * out + STEP_MM * way
     return _pieces(lines[:, ::span], (light / np.median(light[alpha > 0.5]))[first])
+
+
+def in_line(middles: Floats, along: Floats) -> NDArray[np.bool_]:  # [n, 3] mm, [n, 3] -> [n]
+    """Those that go the way of the hair around them."""
+    near = np.asarray(KDTree(middles).query(middles, k=min(AROUND, len(middles)))[1])
+    spread = np.einsum("nki,nkj->nij", along[near], along[near])
+    way = np.linalg.eigh(spread)[1][..., -1]
+    return np.abs((way * along).sum(1)) > ASTRAY
 
 
 def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]

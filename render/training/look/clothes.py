@@ -9,6 +9,7 @@ from render.types import Floats
 FRONT_MM, BACK_MM = -132.0, -112.0  # height of the neckline in front and behind
 THICK_MM, RAMP_MM = 2.2, 10.0  # of the cloth; over what height it comes
 COLLAR_MM = 3.0  # the skin's colour ends so far down behind the collar
+SHADED_MM, SHADE = (45.0, 9.0), (0.85, 0.3)  # above it: the rims, which shine up a neck; all light
 WEAVE = 0.02  # unevenness of the cloth
 
 
@@ -37,6 +38,18 @@ def cover(neutral: Floats, head: Surface) -> Floats:  # [N] 0..1
     on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
     points = head.interpolate @ neutral[head.used]
     return np.clip(0.5 - (height(points) + COLLAR_MM) / 1.2, 0, 1) * (on_skin > 0.99)
+
+
+def shaded(
+    visibility: Floats,  # [4, n] of sky, key light and rims
+    points: Floats,  # [n, 3] mm on the mean face
+) -> Floats:  # [4, n]
+    """Skin above a collar, which stands in the light's way: else its edge shines."""
+    above, out = height(points), visibility.copy()
+    for rows, far, share in zip((slice(2, 4), slice(4)), SHADED_MM, SHADE, strict=True):
+        near = np.clip(1 - above / far, 0, 1) * (above > 0)
+        out[rows] *= (1 - share * near * near).astype(np.float32)
+    return out
 
 
 def dyed(

@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
+from render.lighting import TOWARDS
 from render.types import Floats
 
 NEAR_MM = 4.5  # of strands that are counted around a place
@@ -14,6 +15,10 @@ RIM_MM = 3.0, 8.0  # the same for light from behind
 THROUGH = 0.8  # share of the light of strands that gets to the skin between them
 SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
 SHADE = 0.9  # share of the light of both rims that the hair keeps off
+
+RAY_MM, BEAM_MM = (6.0, 12.0, 18.0, 24.0, 30.0), 4.0  # places towards a light; strands so near them
+DIM = 0.03, 0.6  # of the light that each strand keeps off; of all, at most
+SKYWARDS = np.array([0.0, 0.8, 0.6], np.float32)
 
 
 def rooted(
@@ -66,3 +71,19 @@ def shaded(
     out = visibility.copy()
     out[2:] *= (1 - SHADE * share * share * (3 - 2 * share)).astype(np.float32)
     return out
+
+
+def cast(
+    visibility: Floats,  # [4, n] of sky, key light and rims
+    points: Floats,  # [n, 3] mm
+    hair: Floats,  # [h, 3] mm
+) -> Floats:  # [4, n]
+    """Soft shadows of loose strands, which shadows of cards leave out, on skin beside hair."""
+    tree, out, free = KDTree(hair), visibility.copy(), 1 - near(points, hair)
+    for row, way in ((0, SKYWARDS), (1, TOWARDS[0])):
+        beams = [
+            tree.query_ball_point(points + mm * way, BEAM_MM, return_length=True) for mm in RAY_MM
+        ]
+        kept = DIM[1] * (1 - np.exp(-DIM[0] * np.sum(beams, 0)))
+        out[row] += free * (np.minimum(out[row], 1 - kept) - out[row])
+    return out.astype(np.float32)
