@@ -22,7 +22,8 @@ from render.types import Floats
 
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
-CROPPED, SHAVEN = 0.6, 0.16  # share of the roots' colour on the scalp
+LOW_MM = 9.0  # hair no higher than that over skin has its roots there
+CROPPED, SHAVEN = 0.88, 0.16  # share of the roots' colour on the scalp
 FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
 WHOLLY = 0.6  # of the scalp: skin so far inside it is not drawn where hair hides it
 BETWEEN = 0.6, 0.5, 0.3, 0.3  # least shares of light on skin below hair
@@ -94,7 +95,8 @@ def haired(
     vertices, head, tint = who.geometry, maker.surface, recipe.tint
     used, root = vertices[head.used], roots(tint)
     points = head.interpolate @ used
-    under = hair.under(who.visibility[0], maker.visibility(who.rest)[:, 0])
+    bald = maker.visibility(who.rest)
+    under = hair.under(who.visibility[0], bald[:, 0])
     cap = rooted.softened(vertices[:SKIN_VERTICES], worn.cap) ** rooted.THIN
     hangs = rooted.softened(used, under) if recipe.style in HANGING else None
     albedo = scalp(assembly, maker, who.albedo, cap, tint, 0.97, hangs)
@@ -107,13 +109,18 @@ def haired(
     matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, grown.means))
     inside = np.maximum(cap, rooted.head_of_hair(assembly.face.neutral))
     visible = hairline.lit(visible, used, grown.means, grown.seen)
+    visible = hairline.cast(visible, used, grown.means)
+    skin = vertices[:SKIN_VERTICES]
+    feet = rooted.feet(skin, assembly.normals(vertices)[:SKIN_VERTICES], grown.means, LOW_MM)
+    albedo = hairline.rooted(albedo, points, feet, root)
+    before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
         who,
-        albedo=hairline.rooted(albedo, points, grown.means, root),
+        albedo=hairline.paler(albedo, before, after),
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
-        visibility=hairline.cast(visible, used, grown.means),
+        visibility=visible,
         hair=strands.joined([fine, grown]),
     )
 
@@ -123,14 +130,26 @@ def shaved(
 ) -> identity.Identity:
     """Bald, or with hair of a few millimetres."""
     cover, cropped = rooted.head_of_hair(assembly.face.neutral), recipe.style == BUZZ
-    albedo = evened(maker, who, onto(maker, cover))
+    wide = rooted.softened(
+        who.geometry[:SKIN_VERTICES], rooted.softened(assembly.face.neutral[:SKIN_VERTICES], cover)
+    )
+    albedo = evened(maker, who, onto(maker, wide))
     albedo = scalp(assembly, maker, albedo, cover, recipe.tint, CROPPED if cropped else SHAVEN)
     who = replace(who, albedo=albedo)
     if not cropped:
         return who
     grown = hair.cropped(assembly, who.geometry, recipe.tint, recipe.hairs, recipe.seed)
-    gloss = who.gloss * (1 - MATTE * onto(maker, cover))
-    return replace(who, hair=grown, gloss=gloss.astype(np.float32))
+    used, points = (
+        who.geometry[maker.surface.used],
+        maker.surface.interpolate @ who.geometry[maker.surface.used],
+    )
+    matte = np.maximum(onto(maker, cover), hairline.near(points, grown.means))
+    return replace(
+        who,
+        hair=grown,
+        gloss=(who.gloss * (1 - MATTE * matte)).astype(np.float32),
+        visibility=hairline.shaded(who.visibility, used, grown.means),
+    )
 
 
 def on_vertices(maker: Maker, cap: Floats) -> Floats:  # [SKIN_VERTICES] -> [U]

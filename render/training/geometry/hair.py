@@ -107,7 +107,8 @@ def grow(
     high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
     alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
     if worn.texture is not None:
-        high &= (best[lit] > SHOWN) & ~alone & in_line(pieces.middles, pieces.along)
+        mean = np.bincount(pieces.strand, best[lit]) / np.maximum(np.bincount(pieces.strand), 1)
+        high &= (mean[pieces.strand] > SHOWN) & ~alone & in_line(pieces.middles, pieces.along)
     high = np.flatnonzero(high)
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
@@ -172,7 +173,7 @@ def before(
     flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
     cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))
     normals, linear = assembly.normals(vertices)[:SKIN_VERTICES], np.array(tint, np.float32) ** 2
-    density = rooted.edge(skin, normals, cap, grown.means)
+    density = rooted.edge(skin, rooted.feet(skin, normals, grown.means, rooted.LIES_MM), cap)
     args = density, flow, seen, rooted.FINE, linear, FINE_HAIRS
     return rooted.hairs(assembly, vertices, *args, rng)
 

@@ -18,7 +18,7 @@ LIMITS = 0.8, 1.4  # of that distance, in the usual one
 DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
-MATTE = 0.4  # of the lamps that it sees, and more if light: what glints is strands
+MATTE, CLEAR = 0.25, 1.1  # of the lamps that it sees, and more if light: what glints is strands
 SOLID, AROUND, REACH_MM, BENEATH_MM = 0.93, 8, 14.0, -4.0  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
@@ -56,7 +56,7 @@ def mass(
     apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
     stays = np.flatnonzero(shown > FEWEST)
     color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
-    matte = min(MATTE + LIGHT * np.sqrt(linear.mean()), 1)
+    matte = min(MATTE + CLEAR * np.sqrt(linear.mean()), 1)
     light = np.percentile(seen[near], LIT, axis=1) * (1, matte, matte, matte)
     size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)
     made = Hair(

@@ -22,10 +22,10 @@ HAIRLINE_MM = (
 SOFT_MM = 10.0  # vertices whose cover is averaged
 THIN = 1.5  # exponent of cropped hair's density where it ends
 BULK, WIDE = 4, 4.0  # strands so near are hair; how far from the cap fine hairs stand
-LIES_MM, BARE_MM = 30.0, 3.5  # hair so near skin lies on it; skin so far from any is bare
+LIES_MM, BARE_MM = 30.0, 6.5  # hair so near skin lies over it; skin so far from any is bare
 # Fine hairs by how far from the edge of the hair they stand, mm: inside it none .. all; before it
 # all .. none. How uneven that edge is.
-INSIDE_MM, BEFORE_MM, UNEVEN_MM = (-13.0, -4.0), (1.0, 9.0), 3.0
+INSIDE_MM, BEFORE_MM, UNEVEN_MM = (-16.0, -7.0), (-2.0, 6.0), 3.0
 SPREAD = 0.3  # how much hairs differ in length, brightness, direction
 LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of it
 
@@ -121,12 +121,16 @@ def _flat(way: NDArray[np.floating], out: Floats) -> NDArray[np.floating]:
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
 
 
-def edge(skin: Floats, normals: Floats, cap: Floats, hair: Floats) -> Floats:
-    """Density [n] of fine hairs on skin [n, 3] mm: across the edge of the hair [h, 3] mm that lies
-    on it, where a head of hair ends by its cap [n] 0..1."""
+def feet(skin: Floats, normals: Floats, hair: Floats, highest: float) -> Floats:
+    """[h, 3] mm of hair -> [f, 3]: where it lies over skin [n, 3] mm, no higher than that."""
     at = np.asarray(KDTree(skin).query(hair)[1])
     height = ((hair - skin[at]) * normals[at]).sum(1)
-    feet = (hair - height[:, None] * normals[at])[height < LIES_MM]
+    return (hair - height[:, None] * normals[at])[height < highest].astype(np.float32)
+
+
+def edge(skin: Floats, feet: Floats, cap: Floats) -> Floats:
+    """Density [n] of fine hairs on skin [n, 3] mm: across the edge of the hair that lies over it
+    [f, 3] mm, where a head of hair ends by its cap [n] 0..1."""
     apart = np.asarray(KDTree(feet).query(skin, k=BULK)[0])[:, -1]
     bare = apart > BARE_MM
     within = np.asarray(KDTree(skin[bare]).query(skin)[0])

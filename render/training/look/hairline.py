@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial import KDTree
 
-from render.lighting import TOWARDS
+from render.lighting import BLEED, TOWARDS
 from render.types import Floats
 
 NEAR_MM = 4.5  # of strands that are counted around a place
@@ -18,6 +18,7 @@ SHADE = 0.9  # share of the light of both rims that the hair keeps off
 
 RAY_MM, BEAM_MM = (6.0, 12.0, 18.0, 24.0, 30.0), 4.0  # places towards a light; strands so near them
 DIM = 0.03, 0.6  # of the light that each strand keeps off; of all, at most
+PALER = 0.8  # share of the red of shadows that is taken from those of hair
 SKYWARDS = np.array([0.0, 0.8, 0.6], np.float32)
 
 
@@ -87,3 +88,10 @@ def cast(
         kept = DIM[1] * (1 - np.exp(-DIM[0] * np.sum(beams, 0)))
         out[row] += free * (np.minimum(out[row], 1 - kept) - out[row])
     return out.astype(np.float32)
+
+
+def paler(albedo: Floats, bald: Floats, haired: Floats) -> Floats:  # [n, 3] stored, [n], [n]
+    """The albedo without the red that light gets in shade: hair's shadow is wide and soft, and
+    with all of it looks like a burn. By the light that a bald head and this one see."""
+    red = [1 + PALER * BLEED * (1 - seen[:, None]) for seen in (bald, haired)]
+    return (albedo * np.sqrt(red[0] / red[1])).clip(0, 1).astype(np.float32)
