@@ -22,6 +22,7 @@ from render.types import Floats
 
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
+HANGS_MM = 6.0  # over which the edge of hair that hangs before skin is evened
 LOW_MM = 9.0  # hair no higher than that over skin has its roots there
 CROPPED, SHAVEN = 0.88, 0.16  # share of the roots' colour on the scalp
 FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
@@ -98,7 +99,7 @@ def haired(
     bald = maker.visibility(who.rest)
     under = hair.under(who.visibility[0], bald[:, 0])
     cap = rooted.softened(vertices[:SKIN_VERTICES], worn.cap) ** rooted.THIN
-    hangs = rooted.softened(used, under) if recipe.style in HANGING else None
+    hangs = rooted.softened(used, under, HANGS_MM) if recipe.style in HANGING else None
     albedo = scalp(assembly, maker, who.albedo, cap, tint, 0.97, hangs)
     grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
     fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
@@ -106,13 +107,15 @@ def haired(
     between = np.maximum(on_vertices(maker, cap), 0.8 * under)
     visible = np.maximum(who.visibility, between * np.array(BETWEEN, np.float32)[:, None])
     visible = hairline.shaded(visible, used, grown.means)
-    matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, grown.means))
     inside = np.maximum(cap, rooted.head_of_hair(assembly.face.neutral))
     visible = hairline.lit(visible, used, grown.means, grown.seen)
     visible = hairline.cast(visible, used, grown.means)
-    skin = vertices[:SKIN_VERTICES]
-    feet = rooted.feet(skin, assembly.normals(vertices)[:SKIN_VERTICES], grown.means, LOW_MM)
-    albedo = hairline.rooted(albedo, points, feet, root)
+    skin, normals = vertices[:SKIN_VERTICES], assembly.normals(vertices)[:SKIN_VERTICES]
+    over = [
+        rooted.feet(skin, normals, grown.means, highest) for highest in (LOW_MM, rooted.LIES_MM)
+    ]
+    albedo = hairline.rooted(albedo, points, over[0], root)
+    matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
     before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(

@@ -16,8 +16,9 @@ from render.strands import Hair, away, axes, joined
 from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
 from render.training.geometry import rooted
 from render.training.geometry.assembly import Assembly
+from render.training.geometry.curls import curls
 from render.training.geometry.mass import SOME, cells, mass, sheet
-from render.training.geometry.trace import Pieces, in_line, strand_quats, trace
+from render.training.geometry.trace import Pieces, evened, in_line, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
@@ -25,9 +26,7 @@ STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (0.85, 0.27, 0.27)  # standard deviatio
 SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
 CURLS, CURLS_DEEP = ("afro01",), (2.5, 0.4)  # mm; light below them
-COILS, TURNS, COIL_PIECES = 11_000, 0.95, 5  # springs of tight curls
-COIL_MM, PITCH_MM, ASKEW_MM = (0.9, 1.9), (1.2, 3.0), 2.5  # radii, lengths, how uneven tufts are
-HIDDEN, SHOWN = 0.14, 0.3  # share of any light that the mass sees at least, and that strands do
+HIDDEN, SHOWN = 0.14, 0.22  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
 FINE_HAIRS, NEAR = 2200, 16  # along the hairline; strands that tell how they lie
@@ -85,11 +84,11 @@ def grow(
     """At most `count` Gaussians, of the pieces of strands that see some light."""
     rng = np.random.default_rng(seed)
     if worn.texture is None:
-        pieces, size = _curls(worn, rng), CURL_MM
+        pieces, size = curls(worn.corners, rng), CURL_MM
         cover = worn.corners
     else:
         directions = strands(worn.corners, worn.uv)
-        pieces = trace(worn.corners, worn.uv, worn.texture, directions, worn.span, rng)
+        pieces = evened(trace(worn.corners, worn.uv, worn.texture, directions, worn.span, rng))
         size = (worn.span * STRAND_MM[0], *STRAND_MM[1:])
         cover = opaque(worn)
     outward = away(pieces.middles)
@@ -189,38 +188,6 @@ def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -
     """Which skin hair lies over, by the light that it takes."""
     share = np.clip((0.5 - with_hair / np.maximum(bald, DARK)) / 0.4, 0, 1)
     return (share * (bald > DARK)).astype(np.float32)
-
-
-def _curls(worn: Cards, rng: np.random.Generator) -> Pieces:
-    """Springs of tight curls, in tufts, under the hull of a style."""
-    edges = worn.corners[:, 1:] - worn.corners[:, :1]
-    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    chosen = rng.choice(len(area), COILS, p=area / area.sum())
-    u, v = rng.random((2, COILS))
-    u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    hull = (worn.corners[chosen] * np.stack([1 - u - v, u, v], 1)[..., None]).sum(1)
-    tufts = KDTree(hull[: COILS // 14]).query(hull)[1]
-    hull = hull + rng.normal(0, ASKEW_MM, hull.shape)[tufts]
-    outward = away(hull.astype(np.float32))
-    depth = rng.uniform(-2.5, 6, (COILS, 1)) * rng.uniform(0.3, 1, (COILS, 1))
-    middle = hull - outward * depth
-    axis = rng.standard_normal((COILS, 3))[tufts] + 0.5 * rng.standard_normal((COILS, 3)) + outward
-    axis /= np.linalg.norm(axis, axis=1, keepdims=True)
-    across = np.cross(axis, rng.standard_normal((COILS, 3)))
-    across /= np.linalg.norm(across, axis=1, keepdims=True) + 1e-9
-    other = np.cross(axis, across)
-    radius, pitch = (rng.uniform(*mm, (COILS, 1, 1)) for mm in (COIL_MM, PITCH_MM))
-    at = np.linspace(-0.5, 0.5, COIL_PIECES)[:, None]
-    sin, cos = np.sin(2 * np.pi * TURNS * at), np.cos(2 * np.pi * TURNS * at)
-    around = radius * (cos * across[:, None] + sin * other[:, None])
-    turning = 2 * np.pi * TURNS * radius * (cos * other[:, None] - sin * across[:, None])
-    lines = middle[:, None] + around + pitch * at * axis[:, None]
-    along = turning + pitch * axis[:, None]
-    along /= np.linalg.norm(along, axis=2, keepdims=True)
-    shade = np.clip(1.05 - 0.09 * depth[:, 0], 0.4, 1.3).repeat(COIL_PIECES).astype(np.float32)
-    middles, along = (x.reshape(-1, 3).astype(np.float32) for x in (lines, along))
-    strand = np.arange(COILS).repeat(COIL_PIECES)
-    return Pieces(middles, along, shade, np.full_like(shade, 0.5), strand)
 
 
 def opaque(worn: Cards) -> Floats:

@@ -54,11 +54,11 @@ def head_of_hair(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mea
     return softened(skin, (crossed.sum(1) % 2).astype(np.float32)) ** THIN
 
 
-def softened(skin: Floats, cover: Floats) -> Floats:  # [n, 3] mm, [n] -> [n]
-    """The mean cover around each vertex."""
+def softened(skin: Floats, cover: Floats, reach: float = SOFT_MM) -> Floats:
+    """The mean cover [n] around each vertex [n, 3] mm."""
     tree = KDTree(skin)
     for _ in range(2):
-        near = tree.query_ball_point(skin, SOFT_MM)
+        near = tree.query_ball_point(skin, reach)
         cover = np.array([cover[rows].mean() for rows in near], np.float32)
     return cover
 

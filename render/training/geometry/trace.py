@@ -1,6 +1,6 @@
 """Strands traced over textured hair cards: a smooth field of directions, clumps and volume."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ REACH_MM = 5.5  # a strand ends this far off the cards
 CROWN_MM, FALL = np.array([0.0, 140.0, -25.0]), 0.6  # hair flows away from it; and down
 VOLUME_MM, FRIZZ = 2.2, 0.25  # mm between layers; stray of a strand
 CLUMP = 26  # strands of a tuft, which stray together
+CROWN, FEW, WIDE, PEAK_MM = 0.8, 2500, 150, 2.5  # least height of `away`; pieces; around; above
 LEAST = 3  # ends of pieces of a strand that counts
 AROUND, ASTRAY = 24, 0.85  # pieces; less of the cosine to the way they go is a spike, not hair
 
@@ -80,6 +81,18 @@ def trace(
     return _pieces(lines[:, ::span], (light / np.median(light[alpha > 0.5]))[first])
 
 
+def evened(pieces: Pieces) -> Pieces:
+    """Without the peak where cards meet on the crown: lowered to what lies around."""
+    out, some = away(pieces.middles), pieces.middles[:: max(len(pieces.middles) // FEW, 1)]
+    high = np.flatnonzero(out[:, 1] > CROWN)
+    around = some[np.asarray(KDTree(some).query(pieces.middles[high], k=min(WIDE, len(some)))[1])]
+    above = ((pieces.middles[high] - around.mean(1)) * out[high]).sum(1)
+    usual = np.median(above)
+    middles = pieces.middles.copy()
+    middles[high] -= np.maximum(above - usual - PEAK_MM, 0)[:, None] * out[high]
+    return replace(pieces, middles=middles)
+
+
 def in_line(middles: Floats, along: Floats) -> NDArray[np.bool_]:  # [n, 3] mm, [n, 3] -> [n]
     """Those that go the way of the hair around them."""
     near = np.asarray(KDTree(middles).query(middles, k=min(AROUND, len(middles)))[1])
@@ -88,14 +101,21 @@ def in_line(middles: Floats, along: Floats) -> NDArray[np.bool_]:  # [n, 3] mm, 
     return np.abs((way * along).sum(1)) > ASTRAY
 
 
-def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]
-    """Places on the cards, and which way strands go there: smooth, away from the crown."""
+def strewn(
+    corners: Floats, count: int, rng: np.random.Generator
+) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
+    """Even places on triangles [T, 3, 3]: which of them [n], shares of the corners [n, 3, 1]."""
     edges = corners[:, 1:] - corners[:, :1]
     area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    chosen = rng.choice(len(area), SAMPLES, p=area / area.sum())
-    u, v = rng.random((2, SAMPLES))
+    chosen = rng.choice(len(area), count, p=area / area.sum())
+    u, v = rng.random((2, count))
     u, v = np.where(u + v > 1, 1 - u, u), np.where(u + v > 1, 1 - v, v)
-    weights = np.stack([1 - u - v, u, v], 1)[..., None]
+    return chosen, np.stack([1 - u - v, u, v], 1)[..., None]
+
+
+def _field(corners, uv, texture, directions, rng):  # type: ignore[no-untyped-def]
+    """Places on the cards, and which way strands go there: smooth, away from the crown."""
+    chosen, weights = strewn(corners, SAMPLES, rng)
     points = (corners[chosen] * weights).sum(1).astype(np.float64)
     rgba = sample(texture, (uv[chosen] * weights).sum(1).astype(np.float32))
     along = directions[chosen].astype(np.float64)
