@@ -30,7 +30,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     Raises InputError where the name is taken or not one, or a file is not what it should be."""
     from dataclasses import replace as with_parts
 
-    from render.avatars.hair_transfer import transfer
+    from render.avatars.hair_transfer import worn
     from render.avatars.maker import Maker
     from render.avatars.photos import complete, dress
     from render.decoder import identity
@@ -41,8 +41,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     geometry, skin = _head(maker, parts)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
-        hair, shown = transfer(lender, who), lender.opacity_factors  # 0 of skin that it hides
-        who = with_parts(who, hair=hair, opacity_factors=shown)
+        who = worn(maker, who, lender)
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if parts.beard:

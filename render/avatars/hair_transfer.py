@@ -5,17 +5,50 @@ from dataclasses import replace
 import numpy as np
 from scipy.spatial import KDTree
 
+from render.avatars import hairline
+from render.avatars.maker import Maker
 from render.decoder.identity import Identity
 from render.strands import Hair
 
 NEIGHBOURS = 24
 SOFT_MM = 18.0  # hair far from the skin follows a wide part of it
+SKIN = 11248  # the first vertices are the skin's
+HIGH_MM = 80.0  # hair so high lies over the skin below it
+DENSE = 0.9  # cover of the scalp that has the colour of roots
 SCALP_MM = 60.0  # skin above this height carries the hair
+
+
+def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
+    """With the lender's hair, and what it does to the skin below and beside it."""
+    hair = transfer(lender, who)
+    if len(hair) == 0:
+        return who
+    head, used = maker.surface, who.geometry[maker.surface.used]
+    points, normals = head.interpolate @ used, maker.normals(who.geometry)[:SKIN]
+    low, over = (
+        hairline.near(points, hairline.feet(who.geometry[:SKIN], normals, hair.means, highest))
+        for highest in (hairline.LOW_MM, HIGH_MM)
+    )
+    root = np.median(lender.albedo[low > DENSE], 0)
+    unlike = np.linalg.norm(lender.albedo - root, axis=1)
+    skin = np.linalg.norm(np.median(lender.albedo[maker.face], 0) - root)
+    dyed = np.clip(2 - 3 * unlike / np.maximum(skin, 0.05), 0, 1)
+    cover = np.maximum(low, dyed * over)[:, None]
+    visible = hairline.shaded(who.visibility, used, hair.means)
+    visible = hairline.lit(visible, used, hair.means, hair.seen)
+    return replace(
+        who,
+        hair=hair,
+        albedo=(who.albedo + hairline.ROOTS * cover * (root - who.albedo)).astype(np.float32),
+        gloss=(who.gloss * (1 - hairline.MATTE * over)).astype(np.float32),
+        opacity_factors=lender.opacity_factors,  # 0 of skin that it hides
+        visibility=hairline.cast(visible, used, hair.means),
+    )
 
 
 def transfer(lender: Identity, wearer: Identity) -> Hair:
     """Move the lender's hair with the scalp: each strand follows the skin nearest to it."""
-    hair, skin = lender.hair, lender.geometry[:11248]
+    hair, skin = lender.hair, lender.geometry[:SKIN]
     if len(hair) == 0:
         return hair
     scalp = np.flatnonzero((skin[:, 1] > SCALP_MM) | (skin[:, 2] < 10))

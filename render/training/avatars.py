@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render import strands
-from render.avatars import detail, lashes
+from render.avatars import detail, hairline, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
@@ -16,19 +16,17 @@ from render.training.data.face_data import SKIN_VERTICES
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
-from render.training.look import brows, clothes, eyes, hairline, lids, wrinkles
+from render.training.look import brows, clothes, eyes, lids, wrinkles
 from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, Recipe
 from render.types import Floats
 
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
 UNDER_NOSE = slice(31, 36)  # of the 68 landmarks
 HANGS_MM = 6.0  # over which the edge of hair that hangs before skin is evened
-LOW_MM = 9.0  # hair no higher than that over skin has its roots there
-CROPPED, SHAVEN = 0.88, 0.16  # share of the roots' colour on the scalp
+CROPPED, SHAVEN = 0.8, 0.16  # share of the roots' colour on the scalp
 FOREHEAD_MM, EVENED = ((-30, 60, 60), (30, 85, 200)), 0.85
 WHOLLY = 0.6  # of the scalp: skin so far inside it is not drawn where hair hides it
 BETWEEN = 0.6, 0.5, 0.3, 0.3  # least shares of light on skin below hair
-MATTE = 0.9  # share of the skin's gloss that hair keeps off
 GREYER = 0.4  # roots than hair
 SCALP = 0.8, 0.5  # brightness of a covered scalp, as a share of the hair's, and more if light
 
@@ -112,10 +110,11 @@ def haired(
     visible = hairline.cast(visible, used, grown.means)
     skin, normals = vertices[:SKIN_VERTICES], assembly.normals(vertices)[:SKIN_VERTICES]
     over = [
-        rooted.feet(skin, normals, grown.means, highest) for highest in (LOW_MM, rooted.LIES_MM)
+        hairline.feet(skin, normals, grown.means, highest)
+        for highest in (hairline.LOW_MM, hairline.LIES_MM)
     ]
     albedo = hairline.rooted(albedo, points, over[0], root)
-    matte = MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
+    matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
     before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
@@ -150,7 +149,7 @@ def shaved(
     return replace(
         who,
         hair=grown,
-        gloss=(who.gloss * (1 - MATTE * matte)).astype(np.float32),
+        gloss=(who.gloss * (1 - hairline.MATTE * matte)).astype(np.float32),
         visibility=hairline.shaded(who.visibility, used, grown.means),
     )
 

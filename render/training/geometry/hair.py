@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from render.avatars import hairline
 from render.avatars.textures import sample
 from render.gl.occlusion import Occlusion
 from render.strands import Hair, away, axes, joined
@@ -33,8 +34,10 @@ FINE_HAIRS, NEAR = 2200, 16  # along the hairline; strands that tell how they li
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
+FULLER = 1.5  # a mass of curls is whole so much nearer to its edge
 FRINGE, FAINT = 0.5, 0.6  # width and opacity of strands where the hair ends
-LOWEST_MM = -1.0  # strands lower than this under the hair's surface would not be seen
+FREE_MM = 25.0  # off the skin: hair that hangs, seen from both sides
+LOWEST_MM = -1.0  # other strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
 LIFT_MM = 0.8  # hair stays this far outside the skin
 
@@ -97,17 +100,22 @@ def grow(
     lit = np.flatnonzero(best > HIDDEN)
     pieces, outward, seen = pieces.of(lit), outward[lit], seen[lit]
     places, whole = sheet(pieces.middles, rng)
+    if worn.texture is None:  # springs stand in tufts: between them hair does not end
+        whole = np.clip(FULLER * smoothed(pieces.middles, whole[:, None], rng)[:, 0], 0, 1)
     dimmest = DIMMEST + CLEAR * float(np.mean(tint)) ** 2
     seen = np.maximum(smoothed(pieces.middles, seen, rng), np.float32(dimmest))
     below, bright = CURLS_DEEP if worn.texture is None else (0.0, 1.0)
     linear = GAIN * np.array(tint, np.float32) ** 2
     deeper = (places - below * outward).astype(np.float32)
     body, area = mass(pieces, deeper, whole, np.float32(bright) * seen, linear, rng)
-    high = ((pieces.middles - places) * outward).sum(1) > LOWEST_MM
+    free = np.asarray(KDTree(vertices[:SKIN_VERTICES]).query(pieces.middles)[0]) > FREE_MM
+    high = free | (((pieces.middles - places) * outward).sum(1) > LOWEST_MM)
     alone = np.linalg.norm(pieces.middles - places, axis=1) > ALONE_MM
     if worn.texture is not None:
         mean = np.bincount(pieces.strand, best[lit]) / np.maximum(np.bincount(pieces.strand), 1)
-        high &= (mean[pieces.strand] > SHOWN) & ~alone & in_line(pieces.middles, pieces.along)
+        high &= (
+            (free | (mean[pieces.strand] > SHOWN)) & ~alone & in_line(pieces.middles, pieces.along)
+        )
     high = np.flatnonzero(high)
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
@@ -172,8 +180,9 @@ def before(
     flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
     cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))
     normals, linear = assembly.normals(vertices)[:SKIN_VERTICES], np.array(tint, np.float32) ** 2
-    density = rooted.edge(skin, rooted.feet(skin, normals, grown.means, rooted.LIES_MM), cap)
-    args = density, flow, seen, rooted.FINE, linear, FINE_HAIRS
+    density = rooted.edge(skin, hairline.feet(skin, normals, grown.means, hairline.LIES_MM), cap)
+    style = rooted.CURLY if worn.texture is None else rooted.FINE
+    args = density, flow, seen, style, linear, FINE_HAIRS
     return rooted.hairs(assembly, vertices, *args, rng)
 
 

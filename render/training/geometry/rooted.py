@@ -22,10 +22,10 @@ HAIRLINE_MM = (
 SOFT_MM = 10.0  # vertices whose cover is averaged
 THIN = 1.5  # exponent of cropped hair's density where it ends
 BULK, WIDE = 4, 4.0  # strands so near are hair; how far from the cap fine hairs stand
-LIES_MM, BARE_MM = 30.0, 6.5  # hair so near skin lies over it; skin so far from any is bare
+BARE_MM = 6.5  # skin so far from any hair is bare
 # Fine hairs by how far from the edge of the hair they stand, mm: inside it none .. all; before it
 # all .. none. How uneven that edge is.
-INSIDE_MM, BEFORE_MM, UNEVEN_MM = (-16.0, -7.0), (-2.0, 6.0), 3.0
+INSIDE_MM, BEFORE_MM, UNEVEN_MM = (-16.0, -7.0), (-3.0, 4.5), 3.0
 SPREAD = 0.3  # how much hairs differ in length, brightness, direction
 LENGTH = 0.45  # standard deviation of a Gaussian along its piece, as a share of it
 
@@ -39,9 +39,11 @@ class ShortHair:
     width_mm: float  # standard deviation
     rise: float  # off the skin, as a share of the length
     opacity: float
+    stray: float = SPREAD  # from the way they lie
 
 
-FINE, CROP = ShortHair(15.0, 2, 0.12, 0.14, 0.8), ShortHair(4.2, 1, 0.11, 0.30, 0.85)
+FINE, CROP = ShortHair(14.0, 2, 0.12, 0.14, 0.8), ShortHair(4.2, 1, 0.11, 0.30, 0.85)
+CURLY = ShortHair(5.0, 2, 0.16, 0.5, 0.85, 2.0)
 
 
 def head_of_hair(neutral: Floats) -> Floats:  # [SKIN_VERTICES, 3] mm of the mean face -> 0..1
@@ -85,9 +87,9 @@ def hairs(
     at, way = ((v[skin[chosen]] * shares).sum(1) for v in (vertices, flow))
     full = (density[skin[chosen]] * shares[..., 0]).sum(1) / density.max()
     way = _flat(way, out)
-    way = way + SPREAD * rng.normal(0, 1, way.shape)
+    way = way + style.stray * rng.normal(0, 1, way.shape)
     way = _flat(way, out)
-    length = style.length_mm * (0.5 + 0.5 * full) * rng.lognormal(0, SPREAD, count)
+    length = style.length_mm * (0.35 + 0.65 * full) * rng.lognormal(0, SPREAD, count).clip(0, 1.5)
     step = (length / style.pieces)[:, None]
     color = linear * rng.lognormal(0, SPREAD, (count, 1))
     parts, rise = [], 2 * style.rise
@@ -119,13 +121,6 @@ def down(vertices: Floats) -> Floats:  # [n, 3] mm -> [n, 3]
 def _flat(way: NDArray[np.floating], out: Floats) -> NDArray[np.floating]:
     way = way - (way * out).sum(1, keepdims=True) * out
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
-
-
-def feet(skin: Floats, normals: Floats, hair: Floats, highest: float) -> Floats:
-    """[h, 3] mm of hair -> [f, 3]: where it lies over skin [n, 3] mm, no higher than that."""
-    at = np.asarray(KDTree(skin).query(hair)[1])
-    height = ((hair - skin[at]) * normals[at]).sum(1)
-    return (hair - height[:, None] * normals[at])[height < highest].astype(np.float32)
 
 
 def edge(skin: Floats, feet: Floats, cap: Floats) -> Floats:

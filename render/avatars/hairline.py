@@ -6,6 +6,7 @@ from scipy.spatial import KDTree
 from render.lighting import BLEED, TOWARDS
 from render.types import Floats
 
+LIES_MM, LOW_MM = 30.0, 14.0  # hair so near skin lies over it; so near, it has its roots there
 NEAR_MM = 4.5  # of strands that are counted around a place
 STRAND_MM2, BEARD_MM2 = 5.0, 2.4  # of skin that one Gaussian of a strand hides
 ROOTS = 0.9  # share of the roots' colour where strands are dense
@@ -18,7 +19,8 @@ SHADE = 0.9  # share of the light of both rims that the hair keeps off
 
 RAY_MM, BEAM_MM = (6.0, 12.0, 18.0, 24.0, 30.0), 4.0  # places towards a light; strands so near them
 DIM = 0.03, 0.6  # of the light that each strand keeps off; of all, at most
-PALER = 0.8  # share of the red of shadows that is taken from those of hair
+MATTE = 0.9  # share of the skin's gloss that hair keeps off
+PALER = 1.0  # share of the red of shadows that is taken from those of hair
 SKYWARDS = np.array([0.0, 0.8, 0.6], np.float32)
 
 
@@ -32,6 +34,13 @@ def rooted(
     """Skin in the colour of the roots, where strands lie over it: else sideburns look striped."""
     cover = near(points, hair, strand_mm2)
     return (albedo + ROOTS * cover[:, None] * (root - albedo)).astype(np.float32)
+
+
+def feet(skin: Floats, normals: Floats, hair: Floats, highest: float) -> Floats:
+    """[h, 3] mm of hair -> [f, 3]: where it lies over skin [n, 3] mm, no higher than that."""
+    at = np.asarray(KDTree(skin).query(hair)[1])
+    height = ((hair - skin[at]) * normals[at]).sum(1)
+    return (hair - height[:, None] * normals[at])[height < highest].astype(np.float32)
 
 
 def near(points: Floats, hair: Floats, strand_mm2: float = STRAND_MM2) -> Floats:  # [n] 0..1
