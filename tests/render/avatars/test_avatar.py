@@ -9,7 +9,7 @@ from PIL import Image
 
 from render.avatars import maker as avatar
 from render.avatars import ply, scan, sheet
-from render.avatars.hair_transfer import transfer
+from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.gl.contexts import GLContext
@@ -79,6 +79,18 @@ def test_borrowed_hair_follows_the_head():
     side = hair[:, 0] > 60
     assert np.median(moved.means[side, 0] - hair[side, 0]) > 4
     assert np.abs(moved.means[:, 1] - hair[:, 1]).max() < 1
+
+
+def test_skin_under_borrowed_hair_has_its_roots(maker, skin):
+    """Red before: a fair scalp shone through dark hair."""
+    bald, lender = maker.identity("new", identity.load("ben").geometry, skin), identity.load("chen")
+    who = worn(maker, bald, lender)
+    points = maker.surface.interpolate @ maker.template[maker.surface.used]
+    crown, chin = points[:, 1] > 120, np.abs(points - (0, -75, 75)).max(1) < 15
+    np.testing.assert_allclose(who.albedo[chin], bald.albedo[chin])
+    dark = lender.albedo[crown].mean()
+    assert abs(who.albedo[crown].mean() - dark) < 0.3 * abs(bald.albedo[crown].mean() - dark)
+    assert worn(maker, bald, identity.load("hugo")) is bald
 
 
 def damaged(change: str) -> np.ndarray:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render.strands import Hair, axes
-from render.training.geometry import hair, hem, mass, rooted
+from render.training.geometry import curls, hair, hem, mass, rooted, trace
 from render.training.geometry.trace import Pieces
 from render.training.look import wrinkles
 from render.types import Floats
@@ -49,6 +49,61 @@ def test_a_mass_is_opaque_inside_the_hair_and_fades_where_it_ends(body: tuple[Ha
     assert made.opacities[off > 45].min() < 0.85
     assert axes(made.quats)[:, 1].max() < -0.7  # along the strands, as it lies on the head
     assert (made.albedo**2 < LINEAR).all() and 5_000 < area < 20_000
+
+
+def test_a_mass_ends_before_its_strands_and_glints_less_if_dark(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    off = np.abs(made.means[:, :2] - (0, 15)).max(1)
+    assert made.opacities[off > 47].max() < 0.8
+    assert (made.seen[:, 0] > 0.49).all() and (made.seen[:, 1:] < 0.45).all()
+
+
+def test_a_piece_that_crosses_the_hair_is_no_hair() -> None:
+    pieces = sheet_of_hair()
+    along = pieces.along.copy()
+    along[2010] = 1, 0, 0
+    along[2050] = 0, 1, 0  # from the tip to the root: the same way
+    kept = trace.in_line(pieces.middles, along)
+    assert np.flatnonzero(~kept).tolist() == [2010]
+
+
+def test_a_peak_on_the_crown_is_lowered() -> None:
+    rng = np.random.default_rng(0)
+    out = rng.normal(0, 1, (4000, 3)) * (0.4, 0.1, 0.4) + (0, 1, 0)
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    middles = (out * 100 + (0, 15, -8)).astype(np.float32)
+    tip = np.linalg.norm(middles[:, [0, 2]] - middles[0, [0, 2]], axis=1) < 3
+    middles[tip] += 9 * out[tip]
+    pieces = Pieces(middles, middles, middles[:, 0], middles[:, 0], np.arange(4000))
+    heights = np.linalg.norm(trace.evened(pieces).middles - (0, 15, -8), axis=1)
+    assert heights[tip].max() < 106 and np.abs(heights[~tip] - 100).max() < 1
+
+
+def test_curls_are_springs_below_a_hull() -> None:
+    hull = np.array([[[-60, 100, -40], [60, 100, -40], [0, 100, 60]]], np.float32)
+    made = curls.curls(hull, np.random.default_rng(0))
+    lines = made.middles.reshape(-1, curls.PIECES, 3)
+    assert (made.strand.reshape(-1, curls.PIECES) == np.arange(len(lines))[:, None]).all()
+    np.testing.assert_allclose(np.linalg.norm(made.along, axis=1), 1, rtol=1e-5)
+    turned = (made.along.reshape(lines.shape)[:, 0] * made.along.reshape(lines.shape)[:, 2]).sum(1)
+    assert np.median(turned) < 0  # half a turn on
+    depth = 100 - lines.mean(1)[:, 1]
+    assert depth.min() > -5 and depth.max() < 7
+
+
+def test_fine_hairs_stand_across_the_edge_of_the_hair() -> None:
+    x, z = np.meshgrid(np.arange(-60, 60, 3.0), np.arange(-60, 60, 3.0))
+    skin = np.stack([x.ravel(), np.zeros(x.size), z.ravel()], 1).astype(np.float32)
+    u, v = np.meshgrid(np.arange(-60, 0, 1.5), np.arange(-60, 60, 1.5))
+    feet = np.stack([u.ravel(), np.zeros(u.size), v.ravel()], 1).astype(np.float32)
+    density = rooted.edge(skin, feet, np.ones(len(skin), np.float32))
+    inside, middle, bare = (
+        density[(skin[:, 0] > low) & (skin[:, 0] < high) & (np.abs(skin[:, 2]) < 45)]
+        for low, high in ((-45, -22), (-6, 0), (22, 45))
+    )
+    assert inside.max() == 0 and bare.max() == 0 and middle.mean() > 0.5
+    edge = density[(skin[:, 0] > 0) & (skin[:, 0] < 12)].reshape(-1)
+    assert edge.std() > 0.1  # no ruled line
 
 
 def test_skin_below_a_mass_is_hidden_and_beside_it_is_not(body: tuple[Hair, float]) -> None:

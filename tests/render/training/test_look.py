@@ -2,7 +2,9 @@
 
 import numpy as np
 
-from render.training.look import hairline, lids
+from render.avatars import hairline
+from render.lighting import TOWARDS
+from render.training.look import clothes, lids
 
 SKIN = np.array([0.7, 0.5, 0.4], np.float32)
 ROOT = np.array([0.1, 0.1, 0.1], np.float32)
@@ -44,3 +46,30 @@ def test_corners_of_the_eyes_have_the_hue_of_the_skin_and_stay_as_bright() -> No
     red = out[changed, 0] / out[changed, 1]
     np.testing.assert_allclose(red, lids.MOST * SKIN[0] / SKIN[1], rtol=1e-5)
     np.testing.assert_allclose(out[~changed], albedo[~changed], rtol=1e-5)
+
+
+def test_strands_cast_a_soft_shadow_and_not_on_skin_they_lie_on() -> None:
+    grid = np.stack(np.meshgrid(np.arange(-15, 15, 1.0), np.arange(-15, 15, 1.0)), -1)
+    towards = TOWARDS[0]
+    skin = np.array([[0, 0, 0], [200, 0, 0], [0, 0, 0]], np.float32)
+    hair = (15 * towards + grid.reshape(-1, 2) @ np.linalg.svd(towards[None])[2][1:]).astype("f4")
+    skin[2] = hair.mean(0)
+    seen = np.ones((4, 3), np.float32)
+    shaded = hairline.cast(seen, skin, hair)
+    assert 0.35 < shaded[1, 0] < 0.7 and shaded[1, 1] == 1 and (shaded[2:] == 1).all()
+    assert shaded[1, 2] > 0.9
+
+
+def test_the_shade_of_hair_is_less_red() -> None:
+    albedo = np.full((2, 3), 0.6, np.float32)
+    made = hairline.paler(albedo, np.float32([0.9, 0.9]), np.float32([0.9, 0.3]))
+    np.testing.assert_allclose(made[0], 0.6, rtol=1e-6)
+    assert made[1, 0] < 0.56 and made[1, 2] > 0.6
+
+
+def test_a_collar_shades_the_skin_above_it_and_not_the_cloth() -> None:
+    points = np.array([[0, y, -40] for y in (-120, -111, -90, -40)], np.float32)
+    seen = clothes.shaded(np.ones((4, 4), np.float32), points)
+    assert (seen[:, 0] == 1).all() and (seen[:, 3] == 1).all()
+    assert (seen[2:, 1] < 0.3).all() and (seen[:2, 1] < 0.85).all()
+    assert (seen[:2, 2] == 1).all() and (seen[2:, 2] > 0.5).all() and (seen[2:, 2] < 0.95).all()
