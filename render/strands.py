@@ -34,14 +34,17 @@ class Hair:
     def __len__(self) -> int:
         return len(self.means)
 
+    def rows(self, which: slice) -> "Hair":
+        """Some of them."""
+        return Hair(*(getattr(self, f.name)[which] for f in fields(Hair)))
+
     def of_density(self, density: Density) -> "Hair":
         """What is drawn of it: of thinner heads the first ones, wider: mass and some strands."""
         most, across = MOST.get(density, len(self)), self.scales[:, 1]
         wider = max(len(self) / most, 1) ** 0.5 if most else 1.0
         scales = self.scales.copy()
         scales[:, 1] = np.where(across < THIN_MM, wider * across, across)
-        hair = replace(self, scales=scales)
-        return Hair(*(getattr(hair, f.name)[:most] for f in fields(Hair)))
+        return replace(self, scales=scales).rows(slice(most))
 
     def lit(self, lights: Lighting) -> Gaussians:
         """As drawn."""

@@ -22,6 +22,7 @@ OPACITY = 0.9  # at least
 # ends, and skin is as wide as off the face.
 WHOLLY, RIM_MM = 0.99, 6.0
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
+NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a collar
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
@@ -53,6 +54,7 @@ def cover(
     )
     on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
+    neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
         apart = np.zeros_like(widths)
@@ -68,6 +70,7 @@ def cover(
         for which, share, least in (
             (covers, SHARE, OPACITY),
             (loose, LOOSE_SHARE, LOOSE_OPACITY),
+            (loose & neck, NECK_SHARE, LOOSE_OPACITY),
         ):
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)

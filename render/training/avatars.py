@@ -101,6 +101,7 @@ def haired(
     albedo = scalp(assembly, maker, who.albedo, cap, tint, 0.97, hangs)
     grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
     fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
+    half = len(fine) // 2  # their roots; tips are left out of thinner heads
     # Light gets between strands: skin in full shadow under them would look like a hole.
     between = np.maximum(on_vertices(maker, cap), 0.8 * under)
     visible = np.maximum(who.visibility, between * np.array(BETWEEN, np.float32)[:, None])
@@ -123,7 +124,7 @@ def haired(
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
         visibility=visible,
-        hair=strands.joined([fine, grown]),
+        hair=strands.joined([fine.rows(slice(half)), grown, fine.rows(slice(half, None))]),
     )
 
 
