@@ -33,7 +33,7 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
     unlike = np.linalg.norm(lender.albedo - root, axis=1)
     skin = np.linalg.norm(np.median(lender.albedo[maker.face], 0) - root)
     dyed = np.clip(2 - 3 * unlike / np.maximum(skin, 0.05), 0, 1)
-    cover = np.maximum(low, dyed * over)[:, None]
+    cover = np.maximum(hairline.near(points, hair.means), dyed * over)[:, None]
     visible = hairline.shaded(who.visibility, used, hair.means)
     visible = hairline.lit(visible, used, hair.means, hair.seen)
     return replace(

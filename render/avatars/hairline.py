@@ -20,7 +20,7 @@ SHADE = 0.9  # share of the light of both rims that the hair keeps off
 RAY_MM, BEAM_MM = (6.0, 12.0, 18.0, 24.0, 30.0), 4.0  # places towards a light; strands so near them
 DIM = 0.03, 0.6  # of the light that each strand keeps off; of all, at most
 MATTE = 0.9  # share of the skin's gloss that hair keeps off
-PALER = 1.0  # share of the red of shadows that is taken from those of hair
+PALER = 1.2  # of the red of shadows, as a share, is taken from those of hair
 SKYWARDS = np.array([0.0, 0.8, 0.6], np.float32)
 
 

@@ -114,7 +114,9 @@ def haired(
         hairline.feet(skin, normals, grown.means, highest)
         for highest in (hairline.LOW_MM, hairline.LIES_MM)
     ]
-    albedo = hairline.rooted(albedo, points, over[0], root)
+    albedo = hairline.rooted(albedo, points, grown.means, root)
+    below = hairline.rooted(albedo, points, over[0], root)
+    albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)
     matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
     before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)

@@ -123,6 +123,11 @@ def _flat(way: NDArray[np.floating], out: Floats) -> NDArray[np.floating]:
     return way / (np.linalg.norm(way, axis=1, keepdims=True) + 1e-9)
 
 
+def growing(skin: Floats, cap: Floats) -> Floats:  # [n, 3] mm, [n] 0..1 -> [n] 0..1
+    """Where hair grows, with some way around."""
+    return np.clip(WIDE * softened(skin, cap), 0, 1).astype(np.float32)
+
+
 def edge(skin: Floats, feet: Floats, cap: Floats) -> Floats:
     """Density [n] of fine hairs on skin [n, 3] mm: across the edge of the hair that lies over it
     [f, 3] mm, where a head of hair ends by its cap [n] 0..1."""
@@ -133,4 +138,4 @@ def edge(skin: Floats, feet: Floats, cap: Floats) -> Floats:
     wave = np.sin(0.55 * x + np.sin(0.4 * y)) * np.sin(0.6 * y + np.sin(0.5 * z)) + np.sin(0.8 * z)
     off = np.where(bare, apart - BARE_MM, -within) + UNEVEN_MM * wave
     density = np.interp(off, INSIDE_MM + BEFORE_MM, (0, 1, 1, 0)) ** 2
-    return np.clip(WIDE * softened(skin, cap), 0, 1) * density
+    return growing(skin, cap) * density
