@@ -62,7 +62,9 @@ def test_strands_cast_a_soft_shadow_and_not_on_skin_they_lie_on() -> None:
 
 def test_the_shade_of_hair_is_less_red() -> None:
     albedo = np.full((2, 3), 0.6, np.float32)
-    made = hairline.paler(albedo, np.float32([0.9, 0.9]), np.float32([0.9, 0.3]))
+    made = hairline.paler(
+        albedo, np.array([0.9, 0.9], np.float32), np.array([0.9, 0.3], np.float32)
+    )
     np.testing.assert_allclose(made[0], 0.6, rtol=1e-6)
     assert made[1, 0] < 0.56 and made[1, 2] > 0.6
 
