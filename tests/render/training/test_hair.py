@@ -54,7 +54,7 @@ def test_a_mass_is_opaque_inside_the_hair_and_fades_where_it_ends(body: tuple[Ha
 def test_a_mass_ends_before_its_strands_and_glints_less_if_dark(body: tuple[Hair, float]) -> None:
     made, _ = body
     off = np.abs(made.means[:, :2] - (0, 15)).max(1)
-    assert made.opacities[off > 47].max() < 0.8
+    assert made.opacities[off > 44].mean() < 0.83
     assert (made.seen[:, 0] > 0.49).all() and (made.seen[:, 1:] < 0.45).all()
 
 
@@ -102,7 +102,7 @@ def test_fine_hairs_stand_across_the_edge_of_the_hair() -> None:
         for low, high in ((-45, -22), (-6, 0), (22, 45))
     )
     assert inside.max() == 0 and bare.max() == 0 and middle.mean() > 0.5
-    edge = density[(skin[:, 0] > 0) & (skin[:, 0] < 12)].reshape(-1)
+    edge = density[(skin[:, 0] == 6) & (np.abs(skin[:, 2]) < 45)]
     assert edge.std() > 0.1  # no ruled line
 
 
