@@ -19,7 +19,7 @@ DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands'
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
 MATTE, CLEAR = 0.32, 1.1  # of the lamps that it sees, and more if light: what glints is strands
-SOLID, AROUND, REACH_MM, BENEATH_MM = 0.88, 8, 14.0, -4.0  # see `hidden`
+SOLID, AROUND, REACH_MM, BENEATH_MM = 0.88, 8, 19.0, -4.0  # see `hidden`
 FEWEST = 0.05  # opacity below which one is left out
 
 
