@@ -9,6 +9,7 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
 from render.training.data.people import Skin
+from render.training.look import complexion
 from render.training.look.places import SIZE, Places, soft
 from render.training.look.relief import Relief, noise
 from render.types import Floats
@@ -121,4 +122,8 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     rouge = np.array([0.0, -0.30, -0.24], np.float32) * np.float32(skin.lips)
     streaks = 1 + 0.05 * lips * relief.grain
     out = out * (1 + lips[..., None] * rouge) * streaks[..., None]
+    if skin.melanin > 0:
+        out = complexion.deep(out, skin.melanin, places, relief)
+    if skin.age > 0:
+        out = complexion.old(out, skin.age, places, relief)
     return np.clip(out, 0.004, 0.95).astype(np.float32)
