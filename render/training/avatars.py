@@ -39,8 +39,8 @@ def make(
     rng = np.random.default_rng(recipe.seed)
     modes = (rng.standard_normal(100) * recipe.strength).astype(np.float32)
     modes = people.leaning_to(face, modes, recipe.feminine)
-    bare = people.levelled(face, people.relaxed(face, modes))
-    bare = age.aged(face, bare, recipe.skin.age)
+    bare = people.levelled(face.landmarks, people.relaxed(face, modes))
+    bare = age.aged(face.neutral, face.landmarks, bare, recipe.skin.age)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     dressed = teeth.set_back(face, dressed)
     first, second, mix = recipe.skins

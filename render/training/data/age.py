@@ -4,8 +4,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.training.data.face_data import SKIN_VERTICES, FaceData
-from render.types import Floats
+from render.training.data.face_data import SKIN_VERTICES
+from render.types import Floats, Ints
 
 Triple = tuple[float, float, float]
 # On both sides of the mean face, mm: middle, half widths, move (outward, up, forward) at age 1.
@@ -29,16 +29,23 @@ LID_EDGES = (range(36, 42), range(42, 48))  # of the 68 landmarks
 CLEAR_MM = 3.0, 5.0  # of the edges of the lids, which shut as before; over what width moves begin
 
 
-def aged(face: FaceData, vertices: Floats, age: float) -> Floats:  # [V, 3] mm -> [V, 3] mm
-    """The head of somebody so old: 0 young .. 1 old."""
-    points = face.neutral[:SKIN_VERTICES].astype(np.float64)
+def aged(
+    neutral: Floats,  # [V, 3] mm, the mean face
+    landmarks: Ints,  # [68] vertices
+    vertices: Floats,  # [V, 3] mm
+    age: float,  # 0 young .. 1 old
+) -> Floats:  # [V, 3] mm
+    """The head of somebody so old."""
+    points = neutral[:SKIN_VERTICES].astype(np.float64)
     across = np.abs(points) * (1, 0, 0) + points * (0, 1, 1)
     moves = np.zeros_like(points)
     for middle, half, move in SPOTS:
         near = np.exp(-(((across - middle) / half) ** 2).sum(1))
         moves += near[:, None] * move
     moves[:, 0] *= np.clip(points[:, 0] / 4, -1, 1)
-    moves *= np.clip((_from_lids(face, points) - CLEAR_MM[0]) / CLEAR_MM[1], 0, 1)[:, None]
+    moves *= np.clip((_from_lids(neutral[landmarks], points) - CLEAR_MM[0]) / CLEAR_MM[1], 0, 1)[
+        :, None
+    ]
     up = points[:, 1] - LIPS_MM
     lips = np.exp(-((points[:, 0] / LIPS_HALF_MM[0]) ** 4)) * (points[:, 2] > 85)
     moves[:, 1] -= THINNER * up * lips * np.exp(-((up / LIPS_HALF_MM[1]) ** 4))
@@ -48,11 +55,11 @@ def aged(face: FaceData, vertices: Floats, age: float) -> Floats:  # [V, 3] mm -
     return out
 
 
-def _from_lids(face: FaceData, points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n] mm
-    """The distance from the edges of the lids."""
+def _from_lids(marks: Floats, points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n] mm
+    """The distance from the edges of the lids; `marks` [68, 3] mm."""
     shares = np.linspace(0, 1, 8, endpoint=False)[:, None, None]
     edges = []
     for ring in LID_EDGES:
-        corners = face.neutral[face.landmarks[list(ring)]].astype(np.float64)
+        corners = marks[list(ring)].astype(np.float64)
         edges.append((corners + shares * (np.roll(corners, -1, 0) - corners)).reshape(-1, 3))
     return np.asarray(KDTree(np.concatenate(edges)).query(points)[0])

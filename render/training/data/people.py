@@ -6,7 +6,7 @@ import numpy as np
 
 from render.training.data import expressions
 from render.training.data.face_data import SKIN_VERTICES, FaceData, geometry
-from render.types import Floats
+from render.types import Floats, Ints
 
 EYES = ("blue", "green", "grey", "brownlight", "brown")
 STRENGTH = (0.60, 0.70)  # standard deviations of the shape modes
@@ -98,9 +98,9 @@ def relaxed(face: FaceData, modes: Floats) -> Floats:  # [100] -> [V, 3] mm
     return geometry(face, modes) + np.tensordot(rig, face.rig, 1)
 
 
-def levelled(face: FaceData, vertices: Floats) -> Floats:  # [V, 3] mm -> [V, 3] mm
+def levelled(landmarks: Ints, vertices: Floats) -> Floats:  # [68], [V, 3] mm -> [V, 3] mm
     """A face at rest whose mouth's corners do not hang, which looks sullen."""
-    height, landmarks = vertices[:, 1], face.landmarks
+    height = vertices[:, 1]
     hang = LEVEL_MM - float(height[landmarks[CORNERS]].mean() - height[landmarks[MIDDLE]].mean())
     middle = vertices[landmarks[CORNERS]].mean(0) * (0, 1, 1)
     middle[0] = np.abs(vertices[landmarks[CORNERS], 0]).mean()

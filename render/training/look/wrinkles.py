@@ -18,7 +18,7 @@ FROWN_MM = ((6.0, 38.0, 60.0), (0.8, 40.0, 56.0))  # off the middle at their foo
 CORNER_MM, RAYS_DEG = (46.0, 33.0), (-34, -10, 14, 36)  # of the eye; of rays out of it
 FOLD_MM = ((17.0, 3.0), (23.0, -9.0), (29.0, -21.0), (33.0, -33.0), (34.0, -41.0))  # x, y
 ONE_SIDED = 0.3  # share of unevenness that the sides do not have in common
-LEAST, GROWTH, AT_REST = 0.6, 1.1, 0.75  # depth when young, more when old; and that of a calm face
+LEAST, GROWTH, AT_REST = 0.6, 1.0, 0.75  # depth when young, more when old; and that of a calm face
 DEPTH = (0.15, 0.16, 0.14, 0.22)  # of stored brightness, where a fold is deepest
 
 
