@@ -13,7 +13,7 @@ CLEAR_MM = 4.0  # of the edge of a lip to its middle
 SPOT = np.array([0.55, 0.85, 1.0], np.float32)  # colour of age spots
 GREY = 0.16  # of an old skin, between its colour and grey
 VEINS = np.array([0.10, -0.10, -0.06], np.float32)
-HOLLOW = np.array([0.16, 0.24, 0.20], np.float32)  # below old eyes
+HOLLOW = np.array([0.11, 0.17, 0.14], np.float32)  # below old eyes
 PALE = np.array([0.98, 1.12, 1.10], np.float32)  # old lips
 # Lines of an old face at rest: x, y in mm along each, how deep, how wide in mm.
 LINES = (
