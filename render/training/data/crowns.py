@@ -22,7 +22,7 @@ WIDEST = 1.8  # most that a place on a crown is widened
 DIP_MM = 0.7  # of the gum, between two teeth
 BEHIND_MM = 1.0  # that it goes in there
 REACH_MM = 5.0  # from the edge of the gum up to which it moves
-ROUND_MM = 0.8, 2.5  # corners of an edge: how much shorter; height over the edge that moves
+ROUND_MM = 0.5, 2.0  # corners of an edge: how much shorter; height over the edge that moves
 SAMPLES = 24  # places a triangle that outlines are measured at
 
 

@@ -25,8 +25,8 @@ MATERIAL = {
 REGION = {"narrow_face": 4.6, "lips": 1.9, "eyelids": 2.2, "brows": 1.2}  # factors on top
 NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the mean face
 # Ears have folds, a scalp has hair or nothing to see: factors, and where both lie, |x| y z.
-EARS, EARS_MM = 2.7, ((70, -22, -60), (200, 45, 40))
-SCALP, SCALP_MM = 0.45, ((0, 20, -200), (200, 200, 40))
+EARS, EARS_MM = 2.4, ((70, -22, -60), (200, 45, 40))
+SCALP, SCALP_MM = 0.55, ((0, 20, -200), (200, 200, 40))
 COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
 MOUTH_BAG = 0.12
 TEETH, GUMS, TONGUE = 0.092, 0.058, 0.013  # of all Gaussians, see mouth_anchors.py
