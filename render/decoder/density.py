@@ -23,8 +23,9 @@ NEIGHBOURS, NEAREST = 12, 6  # that may crowd, that tell how dense the place is
 NORMAL_MM = 6.0  # points and normals together: the two sides of a lip are neighbours in space only
 KIND_MM = 1000.0  # apart are Gaussians of skin, eyes, mouth, teeth and lashes
 EYES = 1.4  # times as near to each other are those of eyes, where people look first
-FINE, LOOSE = 1.25, 0.75  # and those of lips, lids and nostrils; those of neck, ears and scalp
+FINE, LOOSE = 1.25, 0.75  # and those of lips, lids and nostrils; those of neck and ears
 EARS_MM = (62, -40, -60), (200, 45, 40)  # box around them, |x| y z
+SCALP_MM = 20.0  # above that, off the face and the ears: it has half as many as the neck
 REACH = 1.5  # neighbours further than that do not crowd, in units of the spacing that is wanted
 SHARE = 0.33  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.85  # of skin, at least
@@ -138,13 +139,13 @@ def groups(
     edges: NDArray[np.int32],  # of lids and lips
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # [N] each
     """Skin of the face where no layer lies below it: lips, lids, nostrils; and skin off the face
-    and its ears."""
+    and the scalp."""
     skin, points = kinds == mesh_parts.SKIN, head.interpolate @ mesh[head.used]
     low, high = np.array(EARS_MM)
     points[:, 0] = np.abs(points[:, 0])
-    ears = ((points > low) & (points < high)).all(1)
+    scalp = (points[:, 1] > SCALP_MM) & ~((points > low) & (points < high)).all(1)
     on_face = head.interpolate @ np.isin(head.used, face).astype(np.float32) > 0
-    return skin & on_face & ~thick(head, mesh, kinds, face, edges), skin & ~on_face & ~ears
+    return skin & on_face & ~thick(head, mesh, kinds, face, edges), skin & ~on_face & ~scalp
 
 
 def layered(

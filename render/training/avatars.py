@@ -11,7 +11,7 @@ from render.avatars import detail, hairline, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
-from render.training.data import people
+from render.training.data import age, people
 from render.training.data.face_data import SKIN_VERTICES
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
@@ -39,12 +39,13 @@ def make(
     rng = np.random.default_rng(recipe.seed)
     modes = (rng.standard_normal(100) * recipe.strength).astype(np.float32)
     modes = people.leaning_to(face, modes, recipe.feminine)
-    bare = people.relaxed(face, modes)
+    bare = people.levelled(face.landmarks, people.relaxed(face, modes))
+    bare = age.aged(face.neutral, face.landmarks, bare, recipe.skin.age)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     dressed = teeth.set_back(face, dressed)
     first, second, mix = recipe.skins
     person = people.VirtualPerson(
-        modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.full(3, recipe.tone, np.float32),
+        modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.array(recipe.tone, np.float32),
         recipe.eye,
         np.ones(len(face.rig_names), np.float32), recipe.skin,
     )  # fmt: skip
@@ -55,9 +56,9 @@ def make(
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
     eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites)
     who = maker.identity(name, dressed, wardrobe.texture(person), eye, cover)
-    albedo, age = calmed(assembly, maker, who), wrinkles.age(recipe.skins)
-    albedo = wrinkles.at_rest(albedo, maker.wrinkles, age)
-    who = replace(who, wrinkles=wrinkles.depth(age))
+    albedo = calmed(assembly, maker, who)
+    albedo = wrinkles.at_rest(albedo, maker.wrinkles, recipe.skin.age)
+    who = replace(who, wrinkles=wrinkles.depth(recipe.skin.age))
     albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     standing = [

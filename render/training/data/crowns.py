@@ -22,6 +22,7 @@ WIDEST = 1.8  # most that a place on a crown is widened
 DIP_MM = 0.7  # of the gum, between two teeth
 BEHIND_MM = 1.0  # that it goes in there
 REACH_MM = 5.0  # from the edge of the gum up to which it moves
+ROUND_MM = 0.5, 2.0  # corners of an edge: how much shorter; height over the edge that moves
 SAMPLES = 24  # places a triangle that outlines are measured at
 
 
@@ -79,7 +80,10 @@ def _widened(vertices: Floats, faces: Ints, tooth: Indices, jaw: str, way: int) 
     straight = np.interp(up, heights, (np.arange(len(width)) > widest).astype(float))
     aim = middle + UPRIGHT * straight * (0.5 * (low + high)[widest] - middle)
     moved = aim + gain * ((points - centre) @ across - middle)
-    return (points + (moved - (points - centre) @ across)[:, None] * across).astype(np.float32)
+    out = points + (moved - (points - centre) @ across)[:, None] * across
+    beside = np.abs(moved - aim) / np.abs(moved - aim)[up < ROUND_MM[1]].max()
+    out[:, 1] += way * ROUND_MM[0] * np.clip(1 - up / ROUND_MM[1], 0, 1) * beside**3
+    return out.astype(np.float32)
 
 
 def _moved(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from render.decoder import posing
 from render.decoder.posing import straightened
-from render.training.data import crowns, sex
+from render.training.data import crowns, rounding, sex
 from sensors.types import InputError
 
 MM_PER_UNIT = 10.0
@@ -71,6 +71,8 @@ def load(folder: Path) -> FaceData:
     names, rig = [str(name) for name in z["expr_names"]], z["expr"].astype(np.float32) * MM_PER_UNIT
     rig[names.index("mouthRollLower")] *= ROLLED
     regions = {k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")}
+    landmarks = z["landmarks68"].astype(np.int32)
+    rig = rounding.rounded(rig, names, neutral, SKIN_VERTICES, regions, landmarks)
     return FaceData(
         folder=folder,
         neutral=crowns.reshaped(neutral, z["tris"], regions),
@@ -84,7 +86,7 @@ def load(folder: Path) -> FaceData:
         vertex_color=z["vertex_color"],
         vertex_ao=z["vertex_ao"],
         regions=regions,
-        landmarks=z["landmarks68"].astype(np.int32),
+        landmarks=landmarks,
     )
 
 

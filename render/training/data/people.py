@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from render.training.data import expressions
-from render.training.data.face_data import FaceData, geometry
-from render.types import Floats
+from render.training.data.face_data import SKIN_VERTICES, FaceData, geometry
+from render.types import Floats, Ints
 
 EYES = ("blue", "green", "grey", "brownlight", "brown")
 STRENGTH = (0.60, 0.70)  # standard deviations of the shape modes
@@ -23,6 +23,11 @@ RELAXED = {
 }
 
 
+CORNERS, MIDDLE = [48, 54, 60, 64], [61, 62, 63, 65, 66, 67]  # of the mouth, of the 68 landmarks
+LEVEL_MM = -0.1  # least height of the corners over the middle
+CORNER_HALF_MM = np.array([12.0, 9.0, 12.0])  # what goes with a corner
+
+
 @dataclass(frozen=True)
 class Skin:
     """What lies on a person's tone; strengths, 0 is none."""
@@ -30,6 +35,8 @@ class Skin:
     blood: float = 1.0  # red of cheeks, nose and ears
     freckles: float = 0.0
     lips: float = 0.5  # how much redder than the skin's texture has them; below 0: less red
+    melanin: float = 0.0  # how uneven it lies, of deep skin 1
+    age: float = 0.0  # 0 young .. 1 old
 
 
 @dataclass(frozen=True)
@@ -89,3 +96,16 @@ def relaxed(face: FaceData, modes: Floats) -> Floats:  # [100] -> [V, 3] mm
     rig = np.zeros(len(face.rig_names), np.float32)
     expressions.set_named(rig, face.rig_names, RELAXED)
     return geometry(face, modes) + np.tensordot(rig, face.rig, 1)
+
+
+def levelled(landmarks: Ints, vertices: Floats) -> Floats:  # [68], [V, 3] mm -> [V, 3] mm
+    """A face at rest whose mouth's corners do not hang, which looks sullen."""
+    height = vertices[:, 1]
+    hang = LEVEL_MM - float(height[landmarks[CORNERS]].mean() - height[landmarks[MIDDLE]].mean())
+    middle = vertices[landmarks[CORNERS]].mean(0) * (0, 1, 1)
+    middle[0] = np.abs(vertices[landmarks[CORNERS], 0]).mean()
+    skin = vertices[:SKIN_VERTICES]
+    away = (np.abs(skin) * (1, 0, 0) + skin * (0, 1, 1) - middle) / CORNER_HALF_MM
+    out = vertices.copy()
+    out[:SKIN_VERTICES, 1] += max(hang, 0) * np.exp(-(away**2).sum(1))
+    return out

@@ -24,6 +24,9 @@ MATERIAL = {
 }
 REGION = {"narrow_face": 4.6, "lips": 1.9, "eyelids": 2.2, "brows": 1.2}  # factors on top
 NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the mean face
+# Ears have folds, a scalp has hair or nothing to see: factors, and where both lie, |x| y z.
+EARS, EARS_MM = 2.4, ((70, -22, -60), (200, 45, 40))
+SCALP, SCALP_MM = 0.55, ((0, 20, -200), (200, 200, 40))
 COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
 MOUTH_BAG = 0.12
 TEETH, GUMS, TONGUE = 0.092, 0.058, 0.013  # of all Gaussians, see mouth_anchors.py
@@ -61,6 +64,12 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
         density[np.isin(face.faces, face.regions[region]).all(1)] *= factor
     low, high = np.array(NOSE_MM)
     density[((corners.mean(1) > low) & (corners.mean(1) < high)).all(1)] *= NOSE
+    off_face = ~np.isin(face.faces, face.regions["narrow_face"]).any(1)
+    middles = corners.mean(1) * np.where(corners.mean(1)[:, :1] < 0, (-1, 1, 1), (1, 1, 1))
+    ears, scalp = ((middles > low) & (middles < high) for low, high in (EARS_MM, SCALP_MM))
+    ears, scalp = ears.all(1) & off_face, scalp.all(1) & off_face
+    density[ears] *= EARS
+    density[scalp & ~ears] *= SCALP
     neckline = np.abs(clothes.height(corners.mean(1))) < COLLAR_MM
     density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
     density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG

@@ -102,7 +102,8 @@ def grow(
     frames = beards.frames(vertices, corners)
     normal = frames[..., 2]
     down = _lie(roots, normal, rng)
-    length = style.length_mm * (SHORTEST + (1 - SHORTEST) * full)
+    # a moustache is denser than a full beard, not longer
+    length = style.length_mm * (SHORTEST + (1 - SHORTEST) * np.minimum(full, 1))
     length = length * np.clip(1 + SPREAD * rng.standard_normal(style.count), 0.5, 1.5)
     over_lip = _over_lip(roots)
     length[over_lip] = np.minimum(length[over_lip], 0.5 * np.abs(roots[over_lip, 1] - LIP_MM))

@@ -6,12 +6,12 @@ from render.training.data.crowns import ARCH_MM, single
 from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.types import Floats, Ints
 
-CROWN, NECK = (0.80, 0.735, 0.63), (0.70, 0.61, 0.48)  # linear: cool edge, warm at the gum
+CROWN, NECK = (0.75, 0.69, 0.585), (0.62, 0.53, 0.40)  # linear: cool edge, warm at the gum
 UPPER_MM, LOWER_MM = 9.0, 8.0  # height of a tooth
-SIDE, SHARP = np.array([0.34, 0.42, 0.52]), 6  # how much darker a tooth is beside the next one
+SIDE, SHARP = np.array([0.44, 0.52, 0.62]), 6  # how much darker a tooth is beside the next one
 # How dark towards the throat, by z in mm: cheeks take light from side teeth, most from lower ones.
-UPPER_SHADED = (70.0, 84.0, 96.0), (0.75, 0.35, 0.0)
-LOWER_SHADED = (70.0, 84.0, 92.0, 99.0), (0.85, 0.7, 0.4, 0.0)
+UPPER_SHADED = (70.0, 84.0, 93.0, 101.0, 106.0), (0.85, 0.6, 0.35, 0.12, 0.0)
+LOWER_SHADED = (70.0, 84.0, 92.0, 99.0, 104.0), (0.88, 0.75, 0.5, 0.15, 0.0)
 GUMS, TONGUE, CHEEKS = (0.60, 0.27, 0.25), (0.60, 0.28, 0.26), (0.34, 0.12, 0.11)
 
 

@@ -9,11 +9,13 @@ from scipy.ndimage import distance_transform_edt, map_coordinates
 from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
 from render.training.data.people import Skin
+from render.training.look import complexion
 from render.training.look.places import SIZE, Places, soft
 from render.training.look.relief import Relief, noise
 from render.types import Floats
 
 LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
+EVEN_HUE = 0.6  # of wide patches, how far they take the hue of the face
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -102,7 +104,7 @@ def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
 
 def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Relief) -> Floats:
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
-    out = tone * grain
+    out = _evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     lips = soft(places.lips, 1.5)
     off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
     bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
@@ -121,4 +123,29 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     rouge = np.array([0.0, -0.30, -0.24], np.float32) * np.float32(skin.lips)
     streaks = 1 + 0.05 * lips * relief.grain
     out = out * (1 + lips[..., None] * rouge) * streaks[..., None]
+    out = out.astype(np.float32)
+    if skin.melanin > 0:
+        out = complexion.deep(out, skin.melanin, places, relief)
+    if skin.age > 0:
+        out = complexion.old(out, skin.age, places, relief)
     return np.clip(out, 0.004, 0.95).astype(np.float32)
+
+
+def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """Less of the hues that a texture has in wide patches (yellow around a mouth), and none of
+    its ragged corners of the mouth."""
+    off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
+    bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1) * soft(places.face, 7)
+    wide = soft(tone * (bare[..., None] + 1e-3), 14) / (soft(bare, 14) + 1e-3)[..., None]
+    hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
+    usual = np.median(hue[bare > 0.9], 0)
+    out = tone * (1 + EVEN_HUE * bare[..., None] * (usual / hue - 1))
+    out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
+    corner = np.clip(1.5 * places.spot(24, -35, 6, 4.5), 0, 1)[..., None]
+    return (out + corner * (soft(out, 4) - out)).astype(np.float32)
+
+
+def _off_lips(places: Places) -> Floats:  # [SIZE, SIZE, 1] 0..1
+    """Where the detail of another face has no edge of its lips."""
+    near = 4 * soft(np.clip(places.lips + places.roll, 0, 1), 8) + 1.6 * places.spot(29, -36, 9, 6)
+    return np.clip(1 - near, 0, 1)[..., None].astype(np.float32)

@@ -18,8 +18,7 @@ FROWN_MM = ((6.0, 38.0, 60.0), (0.8, 40.0, 56.0))  # off the middle at their foo
 CORNER_MM, RAYS_DEG = (46.0, 33.0), (-34, -10, 14, 36)  # of the eye; of rays out of it
 FOLD_MM = ((17.0, 3.0), (23.0, -9.0), (29.0, -21.0), (33.0, -33.0), (34.0, -41.0))  # x, y
 ONE_SIDED = 0.3  # share of unevenness that the sides do not have in common
-AGES = {"young": 0.0, "middleage": 0.5, "old": 1.0}  # by the names of the skins
-LEAST, GROWTH, AT_REST = 0.6, 1.1, 0.35  # depth when young, more when old; and that of a calm face
+LEAST, GROWTH, AT_REST = 0.6, 1.0, 0.75  # depth when young, more when old; and that of a calm face
 DEPTH = (0.15, 0.16, 0.14, 0.22)  # of stored brightness, where a fold is deepest
 
 
@@ -28,16 +27,9 @@ def depth(age: float) -> float:
     return LEAST + GROWTH * age
 
 
-def age(skins: tuple[str, str, float]) -> float:  # two skins and the share of the second
-    """0 young .. 1 old."""
-    first, second, mix = skins
-    one, other = (AGES[name.split("_")[0]] for name in (first, second))
-    return (1 - mix) * one + mix * other
-
-
 def at_rest(albedo: Floats, maps: Floats, age: float) -> Floats:  # [N, 3], [N, 4] -> [N, 3]
     """The albedo with what age leaves of the wrinkles in a calm face."""
-    deep = AT_REST * age * maps.sum(1, keepdims=True)
+    deep = AT_REST * age**2 * maps.sum(1, keepdims=True)
     return np.clip(albedo * (1 - TINT * deep), 0, 1).astype(np.float32)
 
 

@@ -46,6 +46,8 @@ def test_crowns_are_nearly_rectangular_and_gums_end_in_shallow_arcs() -> None:
             x = out[tooth, 0].reshape(13, 9)
             np.testing.assert_allclose(np.ptp(x[0]), 8, atol=0.3)  # edges stay
             assert np.ptp(x[8]) > 6.4  # was 5.3
+            bite = np.abs(out[tooth, 1].reshape(13, 9)[0])
+            assert bite[4] < 2.1 and bite[[0, -1]].min() > 2.4  # corners are round
         edge = np.abs(out[rows[first + 5], 1].reshape(8, 81)[0])
         inner = np.abs(ACROSS) < 14
         assert np.ptp(edge[inner]) < 2.2  # was 5

@@ -160,8 +160,6 @@ def test_a_collar_lies_on_a_smooth_curve() -> None:
 
 
 def test_wrinkles_come_with_age() -> None:
-    young, old = ("young_a", "young_b", 0.5), ("middleage_a", "old_b", 0.5)
-    assert wrinkles.age(young) == 0 and wrinkles.age(old) == 0.75
     assert wrinkles.depth(0) < 1 < wrinkles.depth(0.75)
     albedo, maps = np.full((2, 3), 0.6, np.float32), np.array([[0] * 4, [0.2] * 4], np.float32)
     np.testing.assert_array_equal(wrinkles.at_rest(albedo, maps, 0), albedo)
