@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from encoder.training.geometry import TrainingFace
 
 
-# region: every n-th vertex, and the weight of one in the geometry losses (w_i of the paper)
+# region: every n-th vertex, and the weight of one in the geometry losses (w_i of the paper); gums
+# tell whether the jaw opens lips or they part over teeth that are shut
 LOSS_VERTICES = {
-    "lips": (8, 3.0), "eyelids": (16, 1.0), "brows": (40, 0.5), "upper_face": (80, 0.5)
+    "lips": (8, 3.0), "gums": (40, 3.0), "eyelids": (16, 1.0), "brows": (40, 0.5),
+    "upper_face": (80, 0.5),
 }  # fmt: skip
 
 

@@ -14,6 +14,7 @@ from app.face.mesh import face_mesh
 from app.train.stages import VARIANTS
 from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
+from encoder.training.mouth import Mouth
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -115,3 +116,14 @@ def test_lip_sync_is_the_mean_error_of_the_spans():
     error = float((next(spans) - next(spans)).abs().sum(-1).mean())
     judged = mesh.marks.sync_error_mm(mesh.lips(shown), mesh.lips(truth))
     assert error == pytest.approx(judged, rel=1e-4) and judged > 1
+
+
+def test_an_open_jaw_is_not_lips_that_part_over_shut_teeth():
+    mouth = Mouth.of(face())
+    rig = np.zeros((2, len(RIG_NAMES)), np.float32)
+    rig[0, JAW_OPEN] = 1
+    rig[1, [RIG_INDEX["mouthLowerDown_L"], RIG_INDEX["mouthLowerDown_R"]]] = 1
+    made = torch.from_numpy(mouth.face.rig_to_code(rig) @ mouth.read)
+    made = made / mouth.gap(made)[:, None]  # open by the same
+    apart, whole = (mouth.vertices(x).square().sum() for x in (made[0] - made[1], made[0]))
+    assert apart > 0.4 * whole
