@@ -14,7 +14,8 @@ NEIGHBOURS = 24
 SOFT_MM = 18.0  # hair far from the skin follows a wide part of it
 SKIN = 11248  # the first vertices are the skin's
 HIGH_MM = 80.0  # hair so high lies over the skin below it
-DENSE = 0.9  # cover of the scalp that has the colour of roots
+DENSE = 0.9  # cover of skin that has the colour of roots
+DARKER = 0.25  # quantile of it that is: at the edges skin shows through
 SCALP_MM = 60.0  # skin above this height carries the hair
 
 
@@ -29,7 +30,7 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
         hairline.near(points, hairline.feet(who.geometry[:SKIN], normals, hair.means, highest))
         for highest in (hairline.LOW_MM, HIGH_MM)
     )
-    root = np.median(lender.albedo[low > DENSE], 0)
+    root = np.quantile(lender.albedo[low > DENSE], DARKER, 0).astype(np.float32)
     unlike = np.linalg.norm(lender.albedo - root, axis=1)
     skin = np.linalg.norm(np.median(lender.albedo[maker.face], 0) - root)
     dyed = np.clip(2 - 3 * unlike / np.maximum(skin, 0.05), 0, 1)
