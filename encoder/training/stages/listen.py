@@ -70,7 +70,7 @@ class ListenConfig:
     span_weight: float = 0.6  # of the lips' opening and width
     tongue_weight: float = 1.0
     voice_weight: float = 4.0
-    heard_weight: float = 1.0  # of a voice that is missed, in it; with 1.3 keys move lips .5 to .8 mm
+    heard_weight: float = 1.0  # of a missed voice, in it; with 1.3 keys move lips .5 to .8 mm
     miss_weight: float = 8.0  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
