@@ -93,8 +93,7 @@ def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n, 2] -> [n,
 
 def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
     """Pores and mottling of a fitted skin, without its tone."""
-    off = 1.3 * places.lips + 1.2 * places.lids + places.roll
-    on = np.clip(1 - 1.2 * soft(np.clip(off, 0, 1), 2.5), 0, 1)
+    on = _bare(places)
     on = (on * soft((places.up > -70).astype(np.float32), 10))[..., None]
     fine = skin / np.clip(soft(skin, 4.5), 0.01, None)
     band = soft(skin, 2.5) / np.clip(soft(skin, 18), 0.01, None)
@@ -106,8 +105,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
     out = _evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     lips = soft(places.lips, 1.5)
-    off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
-    bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
+    bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.05 * ears
     red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
@@ -131,11 +129,16 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     return np.clip(out, 0.004, 0.95).astype(np.float32)
 
 
+def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
+    """Where skin is neither lip nor lid."""
+    off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
+    return np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
+
+
 def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     """Less of the hues that a texture has in wide patches (yellow around a mouth), and none of
     its ragged corners of the mouth."""
-    off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
-    bare = np.clip(1 - 1.2 * soft(off, 2.5), 0, 1) * soft(places.face, 7)
+    bare = _bare(places) * soft(places.face, 7)
     wide = soft(tone * (bare[..., None] + 1e-3), 14) / (soft(bare, 14) + 1e-3)[..., None]
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
