@@ -2,8 +2,8 @@
 
 Its output describes what is said, whoever speaks and whatever the room: log-odds of phone and
 viseme, of the viseme that comes next, voicing, pitch and loudness. Phones come from text (aligned,
-or exact from synthesis); visemes of voices without text come from a small public network, which
-hears the clean sound.
+exact from synthesis, or of real voices what a recogniser makes of them); half of what visemes real
+voices show comes from a small public network, which hears the clean sound.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -55,7 +55,7 @@ class AudioConfig:
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.45),
         ("tracked", 0.15),
-        ("envelope", 0.4),  # real voices without text: the most voices
+        ("envelope", 0.4),  # real voices whose text was guessed: the most voices
     )
 
 
@@ -179,7 +179,8 @@ def write(config: AudioConfig, encoder: AudioEncoder, trained: dict[str, Any]) -
         "outputs": {"phones": PHONES, "visemes": viseme_teacher.VISEMES, "ahead_s": AHEAD_S,
                     "others": "visemes ahead_s later, voiced, pitch, loudness"},
         "data": sources,
-        "truth": "phones: of synthesis, or aligned with text; visemes: the same, and the teacher's",
+        "truth": "phones: of synthesis, aligned with text, or of recognised words; visemes: of these, "
+        "and the teacher's",
         "steps": config.steps,
         **trained,
     }  # fmt: skip
