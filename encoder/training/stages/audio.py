@@ -179,7 +179,7 @@ def write(config: AudioConfig, encoder: AudioEncoder, trained: dict[str, Any]) -
         "outputs": {"phones": PHONES, "visemes": viseme_teacher.VISEMES, "ahead_s": AHEAD_S,
                     "others": "visemes ahead_s later, voiced, pitch, loudness"},
         "data": sources,
-        "truth": "phones: of synthesis, aligned with text, or of recognised words; visemes: of these, "
+        "truth": "phones: of synthesis, aligned with text or recognised words; visemes: of these, "
         "and the teacher's",
         "steps": config.steps,
         **trained,
