@@ -34,6 +34,7 @@ WIDTH = len(PHONES) + 2 * len(viseme_teacher.VISEMES) + 3
 # Talkers whose tracked motion tests all later stages: the encoder never hears their voices.
 TALKERS = ("grid-", "facegood")
 AHEAD_S = round(heard.AHEAD * heard.HOP / PACK_RATE, 4)
+GO_ON = 0.5  # of the learning rate, with weights that are trained already
 KNOWN = "grid-s1"  # the exception, who is in every training set
 
 
@@ -150,8 +151,9 @@ def run(config: AudioConfig) -> dict[str, float]:
         return losses(encoder.project(said).float(), lessons, loudness)
 
     modules: dict[str, nn.Module] = {"encoder": encoder}
+    rate = config.rate * (GO_ON if config.start else 1)
     metrics, curve = loop.train(
-        "audio", modules, step_losses, steps=config.steps, rate=config.rate, run=config.run
+        "audio", modules, step_losses, steps=config.steps, rate=rate, run=config.run
     )
     if ranks.leads:
         write(config, encoder, config.run.card(metrics, curve))
