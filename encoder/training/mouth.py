@@ -6,6 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from encoder.capture.motion.channels import RIG_INDEX, RIG_NAMES
 from encoder.denoiser.config import MOUTH
 from encoder.training.geometry import TrainingFace
 
@@ -20,6 +21,7 @@ class Mouth:
     shape: Tensor  # [MOUTH, V * 3] mm, weighted; of unit weight in all
     lips: Tensor  # [MOUTH, 2] mm that the lips open and widen
     tongue: Tensor  # [MOUTH, 2] by how much tip and back are raised
+    roll: Tensor  # [MOUTH] by how much the lower lip is rolled over its teeth
 
     @staticmethod
     def of(face: TrainingFace) -> "Mouth":
@@ -36,7 +38,9 @@ class Mouth:
         width = (face.spans(tiny * codes) - face.spans(nothing))[:, 0, 0] / tiny
         opening = face.gaps(codes)[..., 1].mean(-1)[:, 0]
         lips, tongue = torch.stack([opening, width], 1), face.tongue(codes)[:, 0]
-        return Mouth(face, read, write, shape, lips, tongue)
+        channels = face.rig_to_code(np.eye(len(RIG_NAMES), dtype=np.float32)) @ read
+        roll = np.linalg.pinv(channels)[:, RIG_INDEX["mouthRollLower"]].astype(np.float32)
+        return Mouth(face, read, write, shape, lips, tongue, torch.from_numpy(roll))
 
     def vertices(self, mouth: Tensor) -> Tensor:
         return mouth @ self.shape

@@ -14,15 +14,14 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX, VOWELS
 from encoder.denoiser.config import MOUTH
 from encoder.denoiser.contact import Contact
 from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
 from encoder.nn import checkpoint
-from encoder.training import loop
+from encoder.training import loop, touches
 from encoder.training.checkpoints import load_encoder
-from encoder.training.geometry import NEAR_FRAMES, TrainingFace
+from encoder.training.geometry import TrainingFace
 from encoder.training.mouth import Mouth
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
@@ -31,7 +30,6 @@ from encoder.training.streams.lip_lines import LipLines
 from encoder.training.streams.pieces import SpokenPieces, phone_weights
 from encoder.training.streams.spoken import Ears, hear_pack
 
-SHUT_MM, OPEN_MM = 0.4, 1.6  # what the contact head makes of p, b, m, and leaves of open vowels
 SAMPLES = 20_000  # frames that scales are measured on
 
 
@@ -73,6 +71,8 @@ class ListenConfig:
     heard_weight: float = 1.0  # of a missed voice, in it; with 1.3 keys move lips .5 to .8 mm
     miss_weight: float = 8.0  # of lips that are not shut for p, b and m
     false_weight: float = 3.0  # of lips that are shut in open vowels
+    loose_weight: float = 400.0  # of a lower lip that is not on the teeth for f and v
+    tucked_weight: float = 100.0  # of one that is, elsewhere
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
     idle_weight: float = 4.0  # of what it moves elsewhere
 
@@ -124,7 +124,12 @@ class Listener:
         mixed = config.share * own + (1 - config.share) * lined
         voice = odds.detach().sigmoid()
         shown = voice[..., None] * (mixed @ self.mix)
-        result |= self._contact(shown, voice, truth, phones, there, plain)
+        x0 = self.student.standardise(self.mouth.codes(shown))
+        moved = voice * self.contact.moved_mm(x0, plain)[..., 0]
+        gaps = self.mouth.gap(shown) + moved, moved, self.mouth.gap(truth)
+        result |= touches.meeting(*gaps, phones, there, self.rarity)
+        rolls = said @ self.mouth.roll, truth @ self.mouth.roll
+        result |= touches.tucking(*rolls, phones, there, self.rarity)
         total = result["shape"] + sum(
             getattr(config, f"{name}_weight") * value
             for name, value in result.items()
@@ -137,39 +142,6 @@ class Listener:
         known = there * (phones >= 0)
         off = (error @ self.mouth.tongue).square().sum(-1)
         return (off * known).sum() / known.sum().clamp(min=1)
-
-    def _contact(
-        self, shown: Tensor, voice: Tensor, truth: Tensor, phones: Tensor, there: Tensor,
-        plain: Tensor,
-    ) -> dict[str, Tensor]:  # fmt: skip
-        """Loss of the contact head: lips shut for p, b and m within two frames, stay open in vowels
-        (or as they are, where phones are unknown), and move no further than needed."""
-        count = there.sum()
-        x0 = self.student.standardise(self.mouth.codes(shown))
-        moved = voice * self.contact.moved_mm(x0, plain)[..., 0]
-        now, wanted = self.mouth.gap(shown) + moved, self.mouth.gap(truth)
-        asked = _is(phones, LIP_CLOSING)
-        closing = asked & (_nearest(wanted) < 1)
-        idle = 1 + _nearest(-asked.float())  # 0 near p, b and m, else 1
-        moves = moved.square() * there
-        open_ = (_is(phones, VOWELS) | (phones < 0)) & (wanted > 2.5)
-        missed = (_nearest(now) - SHUT_MM).relu().square() * closing * there * self.rarity[phones]
-        false = (OPEN_MM - now).relu().square() * open_ * there
-        return {
-            "miss": 10 * missed.sum() / count,
-            "false": 10 * false.sum() / count,
-            "effort": (moves * (1 - idle)).sum() / count,
-            "idle": (moves * idle).sum() / count,
-        }
-
-
-def _is(phones: Tensor, names: tuple[str, ...]) -> Tensor:
-    return torch.isin(phones, torch.tensor([PHONE_INDEX[name] for name in names]))
-
-
-def _nearest(gap: Tensor) -> Tensor:  # [B, T]
-    """The smallest value within two frames."""
-    return -functional.max_pool1d(-gap[:, None], 2 * NEAR_FRAMES + 1, 1, NEAR_FRAMES)[:, 0]
 
 
 def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
