@@ -14,12 +14,14 @@ COUNT = 5000
 SOME, NEAR = 20_000, 48  # pieces that tell where the hair is; around a place
 DEPTH_MM, THICK_MM = 1.8, 0.5  # below the strands; standard deviation
 ACROSS, ALONG = 0.68, 0.85  # standard deviations, as a share of the distance to the neighbours
-LIMITS = 0.8, 1.4  # of that distance, in the usual one
+REACH, LIMITS = 1.3, (0.8, 1.6)  # least distance, in how far it is alone; in the usual one
+MOVES = 8  # of each to the middle of what it is nearest to
 DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
 MATTE, CLEAR = 0.32, 1.1  # of the lamps that it sees, and more if light: what glints is strands
-SOLID, AROUND, REACH_MM, BENEATH_MM = 0.88, 8, 19.0, -4.0  # see `hidden`
+# See `hidden`: opacity; how many; light through them; how far inside; how far below them at least.
+SOLID, AROUND, GAPS, INSIDE_MM, BENEATH_MM = 0.88, 8, 0.25, 9.0, -4.0
 FEWEST = 0.05  # opacity below which one is left out
 
 
@@ -45,14 +47,15 @@ def mass(
     rng: np.random.Generator,
 ) -> tuple[Hair, float]:
     """It, and how large its surface is, mm^2."""
-    rows = evenly(places, COUNT, rng)
+    middles, reach = spread(places, COUNT, rng)
     some = rng.permutation(len(places))[:SOME]
-    near = some[KDTree(places[some]).query(places[rows], k=NEAR)[1]]
-    along, out = pieces.along[near].mean(1), away(places[rows])
+    near = some[KDTree(places[some]).query(middles, k=NEAR)[1]]
+    along, out = pieces.along[near].mean(1), away(middles)
     along -= (along * out).sum(1, keepdims=True) * out
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     shown = OPACITY * np.percentile(whole[near[:, : NEAR // 3]], WHOLE, axis=1)
-    apart = np.asarray(KDTree(places[rows]).query(places[rows], k=6)[0])[:, 1:].mean(1)
+    apart = np.asarray(KDTree(middles).query(middles, k=6)[0])[:, 1:].mean(1)
+    apart = np.maximum(apart, REACH * reach)
     apart = apart.clip(*(np.array(LIMITS) * np.median(apart)))[:, None]
     stays = np.flatnonzero(shown > FEWEST)
     color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
@@ -60,7 +63,7 @@ def mass(
     light = np.percentile(seen[near], LIT, axis=1) * (1, matte, matte, matte)
     size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)
     made = Hair(
-        (places[rows] - DEPTH_MM * out)[stays].astype(np.float32),
+        (middles - DEPTH_MM * out)[stays].astype(np.float32),
         strand_quats(along[stays], out[stays]).astype(np.float32),
         size[stays].astype(np.float32),
         shown[stays].astype(np.float32),
@@ -75,9 +78,14 @@ def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
     body = np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID))
     if len(body) < AROUND:
         return np.zeros(len(points), bool)
-    distance, near = (np.asarray(x) for x in KDTree(hair.means[body]).query(points, k=AROUND))
-    above = ((hair.means[body][near].mean(1) - points) * away(points)).sum(1) > BENEATH_MM
-    return above & (distance.max(1) < REACH_MM)
+    means, out = hair.means[body], away(points)[:, None]
+    near = np.asarray(KDTree(means).query(points, k=AROUND)[1])
+    off = means[near] - points[:, None]
+    above = (off * out).sum(2)
+    aside = ((off - above[..., None] * out) ** 2).sum(2)
+    clear = 1 - np.exp(-0.5 * aside / hair.scales[body, 1][near] ** 2)
+    thick = (clear.prod(1) < GAPS) & (above.mean(1) > BENEATH_MM)
+    return thick & (np.asarray(KDTree(points[~thick]).query(points)[0]) > INSIDE_MM)
 
 
 def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -90,6 +98,24 @@ def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.i
         rows = order[np.unique(cells(points[order], size), return_index=True)[1]]
         low, high = (size, high) if len(rows) > count else (low, size)
     return rng.permutation(rows)[:count]
+
+
+def spread(
+    points: Floats, count: int, rng: np.random.Generator
+) -> tuple[Floats, Floats]:  # [n, 3] mm -> [c, 3] mm, [c] mm
+    """About `count` places as far from each other as can be, and how far the points reach that
+    none is nearer to."""
+    middles = points[evenly(points, count, rng)]
+    points = points[evenly(points, SOME, rng)]
+    for _ in range(MOVES):
+        nearest = np.asarray(KDTree(middles).query(points)[1])
+        own = np.bincount(nearest, minlength=len(middles))
+        sums = [np.bincount(nearest, axis, len(middles)) for axis in points.T]
+        middles = np.where(own[:, None] > 0, np.stack(sums, 1) / own.clip(1)[:, None], middles)
+    distance, nearest = (np.asarray(x) for x in KDTree(middles).query(points))
+    reach = np.zeros(len(middles))
+    np.maximum.at(reach, nearest, distance)
+    return middles.astype(np.float32), reach.astype(np.float32)
 
 
 def cells(points: NDArray[np.floating], size: float) -> NDArray[np.int64]:  # [n, 3] mm -> [n]
