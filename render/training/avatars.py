@@ -103,6 +103,7 @@ def haired(
     grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
     fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
     half = len(fine) // 2  # their roots; tips are left out of thinner heads
+    roots_of, tips = fine.rows(slice(half)), fine.rows(slice(half, None))
     # Light gets between strands: skin in full shadow under them would look like a hole.
     between = np.maximum(on_vertices(maker, cap), 0.8 * under)
     visible = np.maximum(who.visibility, between * np.array(BETWEEN, np.float32)[:, None])
@@ -127,7 +128,7 @@ def haired(
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
         visibility=visible,
-        hair=strands.joined([fine.rows(slice(half)), grown, fine.rows(slice(half, None))]),
+        hair=strands.joined([roots_of, mass.lining(grown, skin), grown, tips]),
     )
 
 

@@ -2,6 +2,8 @@
 background shows between them. As the layer below the skin (`render/decoder/density.py`).
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
@@ -20,8 +22,12 @@ DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands'
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
 WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
 MATTE, CLEAR = 0.32, 1.1  # of the lamps that it sees, and more if light: what glints is strands
-# See `hidden`: opacity; how many; light through them; how far inside; how far below them at least.
-SOLID, AROUND, GAPS, INSIDE_MM, BENEATH_MM = 0.88, 8, 0.25, 9.0, -4.0
+# See `hidden`: opacity; how many; light through them; how far inside; how far off they are.
+SOLID, AROUND, GAPS, INSIDE_MM, BENEATH_MM, HIGH_MM = 0.88, 8, 0.25, 9.0, -4.0, 19.0
+# Of the lining: least distance of the mass from the skin, how far behind it; one for so many of it;
+# share of its stored colour and of its light; how far out no hair may be, and so near there.
+LINED_MM, BEHIND_MM, FEWER, INSIDE = 9.0, np.float32(2.5), 3, np.float32(0.6)
+BEYOND_MM, NONE_MM = (14.0, 22.0, 30.0, 38.0), 6.0
 FEWEST = 0.05  # opacity below which one is left out
 
 
@@ -31,11 +37,22 @@ def sheet(middles: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     some = middles[rng.permutation(len(middles))[:SOME]]
     distance, near = (np.asarray(x) for x in KDTree(some).query(middles, k=NEAR))
     places = some[near].mean(1)
-    off, out = places - middles, away(places)
+    off, out = places - middles, upright(some, near)
     off -= (off * out).sum(1, keepdims=True) * out
     one_sided = np.linalg.norm(off, axis=1) / (distance[:, -1] + 1e-6)
     whole = np.clip((EDGE[1] - one_sided) / (EDGE[1] - EDGE[0]), 0, 1)
     return places, (whole * whole * (3 - 2 * whole)).astype(np.float32)
+
+
+def upright(points: Floats, near: NDArray[np.intp]) -> Floats:  # [n, 3] mm, [m, k] -> [m, 3]
+    """Normals of the surface through some of the points, out of the head."""
+    spread = np.zeros((len(near), 3, 3), np.float32)
+    middle = points[near].mean(1)
+    for row in near.T:
+        off = points[row] - middle
+        spread += off[:, :, None] * off[:, None]
+    out = np.linalg.eigh(spread)[1][..., 0]
+    return out * np.where((out * away(middle)).sum(1) < 0, -1, 1)[:, None]
 
 
 def mass(
@@ -50,7 +67,7 @@ def mass(
     middles, reach = spread(places, COUNT, rng)
     some = rng.permutation(len(places))[:SOME]
     near = some[KDTree(places[some]).query(middles, k=NEAR)[1]]
-    along, out = pieces.along[near].mean(1), away(middles)
+    along, out = pieces.along[near].mean(1), upright(places, near)
     along -= (along * out).sum(1, keepdims=True) * out
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     shown = OPACITY * np.percentile(whole[near[:, : NEAR // 3]], WHOLE, axis=1)
@@ -60,10 +77,11 @@ def mass(
     stays = np.flatnonzero(shown > FEWEST)
     color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
     matte = min(MATTE + CLEAR * np.sqrt(linear.mean()), 1)
+    deep = DEPTH_MM * (out * away(middles)).sum(1, keepdims=True)  # none beside a tail
     light = np.percentile(seen[near], LIT, axis=1) * (1, matte, matte, matte)
     size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)
     made = Hair(
-        (middles - DEPTH_MM * out)[stays].astype(np.float32),
+        (middles - deep * out)[stays].astype(np.float32),
         strand_quats(along[stays], out[stays]).astype(np.float32),
         size[stays].astype(np.float32),
         shown[stays].astype(np.float32),
@@ -73,18 +91,40 @@ def mass(
     return made, float((apart**2).sum())
 
 
+def lining(hair: Hair, skin: Floats) -> Hair:
+    """The inside of hair that hangs off the skin [n, 3] mm: deep in its own shadow, where the mass
+    is lit as it is outside."""
+    body = hair.rows(np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID)))
+    if len(body) == 0:
+        return body
+    tree, out = KDTree(body.means), away(body.means)
+    hangs = np.asarray(KDTree(skin).query(body.means)[0]) > LINED_MM
+    for mm in BEYOND_MM:  # of the two sides of a tail the outer one
+        hangs &= np.asarray(tree.query(body.means + mm * out)[0]) > NONE_MM
+    hangs, rng = np.flatnonzero(hangs), np.random.default_rng(0)
+    rows = hangs[evenly(body.means[hangs], len(hangs) // FEWER, rng)]
+    inner, wider = body.rows(rows), np.array([FEWER**0.5, FEWER**0.5, 1], np.float32)
+    return replace(
+        inner,
+        means=inner.means - BEHIND_MM * out[rows],
+        scales=wider * inner.scales,
+        albedo=INSIDE * inner.albedo,
+        seen=INSIDE * inner.seen,
+    )
+
+
 def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
     """What lies below the whole of a mass, from whichever side one looks."""
     body = np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID))
     if len(body) < AROUND:
         return np.zeros(len(points), bool)
     means, out = hair.means[body], away(points)[:, None]
-    near = np.asarray(KDTree(means).query(points, k=AROUND)[1])
+    distance, near = (np.asarray(x) for x in KDTree(means).query(points, k=AROUND))
     off = means[near] - points[:, None]
     above = (off * out).sum(2)
     aside = ((off - above[..., None] * out) ** 2).sum(2)
     clear = 1 - np.exp(-0.5 * aside / hair.scales[body, 1][near] ** 2)
-    thick = (clear.prod(1) < GAPS) & (above.mean(1) > BENEATH_MM)
+    thick = (clear.prod(1) < GAPS) & (above.mean(1) > BENEATH_MM) & (distance[:, -1] < HIGH_MM)
     return thick & (np.asarray(KDTree(points[~thick]).query(points)[0]) > INSIDE_MM)
 
 

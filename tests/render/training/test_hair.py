@@ -1,9 +1,11 @@
 """Heads of hair: strands over a mass, hairs on the skin, a collar's curve."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from render.strands import Hair, axes
+from render.strands import Hair, axes, joined
 from render.training.geometry import curls, hair, hem, mass, rooted, trace
 from render.training.geometry.trace import Pieces
 from render.training.look import wrinkles
@@ -110,6 +112,49 @@ def test_skin_below_a_mass_is_hidden_and_beside_it_is_not(body: tuple[Hair, floa
     made, _ = body
     points = np.array([[0, 15, -95], [0, 15, -60], [70, 15, -95], [56, 15, -95]], np.float32)
     assert mass.hidden(points, made).tolist() == [True, False, False, False]
+
+
+def test_skin_below_a_hole_in_a_mass_is_seen(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    holed = made.rows(np.flatnonzero(np.linalg.norm(made.means[:, :2] - (0, 15), axis=1) > 9))
+    x, y = np.meshgrid(np.arange(-30, 31, 3.0), np.arange(-15, 46, 3.0))
+    points = np.stack([x, y, np.full_like(x, -95)], -1).reshape(-1, 3).astype(np.float32)
+    off = np.linalg.norm(points[:, :2] - (0, 15), axis=1)
+    hidden = mass.hidden(points, holed)
+    assert not hidden[off < 10].any() and hidden[(off > 24) & (off < 28)].all()
+
+
+def test_a_mass_leaves_no_gaps() -> None:
+    rng = np.random.default_rng(0)
+    points = np.zeros((20_000, 3), np.float32)
+    points[:, :2] = 100 * rng.random((20_000, 2)) ** 1.5  # denser in a corner
+    middles, reach = mass.spread(points, 400, rng)
+    assert 250 < len(middles) <= 400
+    assert reach.max() < 1.2 * np.sqrt(1e4 / len(middles))
+
+
+def test_hair_that_hangs_is_dark_inside_and_a_tail_is_not_lined(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    skin = np.array([[0, 15, -80]], np.float32)
+    lined = mass.lining(made, skin)
+    assert len(made) / 5 < len(lined) < len(made) / 3
+    assert lined.means[:, 2].min() > made.means[:, 2].max()  # on the side of the head
+    assert lined.albedo.max() < 0.7 * made.albedo.max() and lined.seen.max() < 0.35
+    behind = replace(made, means=made.means - np.array([0, 0, 26], np.float32))
+    both = mass.lining(joined([made, behind]), skin)
+    middle = np.abs(both.means[:, :2] - (0, 15)).max(1) < 25
+    assert (both.means[middle, 2] < -110).all()
+    near = np.array([[0, y, -95] for y in range(-60, 90, 2)], np.float32)
+    assert len(mass.lining(made.rows(slice(0)), near)) == 0
+
+
+def test_locks_are_neighbours() -> None:
+    pieces = sheet_of_hair()
+    lock = hair.locks(pieces, np.random.default_rng(0))
+    for one in np.unique(lock):
+        across = pieces.middles[lock == one, 0]
+        assert np.ptp(across) < 20
+    assert len(np.unique(lock)) > 20
 
 
 def test_thinner_heads_draw_the_first_of_the_hair_and_wider_strands() -> None:
