@@ -17,7 +17,7 @@ from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.look import brows, clothes, eyes, lids, wrinkles
-from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, Recipe
+from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, SWEPT, Recipe
 from render.types import Floats
 
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
@@ -103,7 +103,6 @@ def haired(
     grown = hair.grow(worn, tint, recipe.hairs, maker.occlusion, vertices, recipe.seed)
     fine = hair.before(assembly, vertices, worn, grown, tint, recipe.seed)
     half = len(fine) // 2  # their roots; tips are left out of thinner heads
-    roots_of, tips = fine.rows(slice(half)), fine.rows(slice(half, None))
     # Light gets between strands: skin in full shadow under them would look like a hole.
     between = np.maximum(on_vertices(maker, cap), 0.8 * under)
     visible = np.maximum(who.visibility, between * np.array(BETWEEN, np.float32)[:, None])
@@ -120,6 +119,7 @@ def haired(
     below = hairline.rooted(albedo, points, over[0], root)
     albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)
     matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
+    whole = mass.lined(grown, skin) if recipe.style in SWEPT else grown
     before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
@@ -128,7 +128,7 @@ def haired(
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
         visibility=visible,
-        hair=strands.joined([roots_of, mass.lining(grown, skin), grown, tips]),
+        hair=strands.joined([fine.rows(slice(half)), whole, fine.rows(slice(half, None))]),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.strands import THIN_MM, Hair, away
+from render.strands import THIN_MM, Hair, away, joined
 from render.training.geometry.trace import Pieces, strand_quats
 from render.types import Floats
 
@@ -24,10 +24,9 @@ WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on;
 MATTE, CLEAR = 0.32, 1.1  # of the lamps that it sees, and more if light: what glints is strands
 # See `hidden`: opacity; how many; light through them; how far inside; how far off they are.
 SOLID, AROUND, GAPS, INSIDE_MM, BENEATH_MM, HIGH_MM = 0.88, 8, 0.25, 9.0, -4.0, 19.0
-# Of the lining: least distance of the mass from the skin, how far behind it; one for so many of it;
-# share of its stored colour and of its light; how far out no hair may be, and so near there.
-LINED_MM, BEHIND_MM, FEWER, INSIDE = 9.0, np.float32(2.5), 3, np.float32(0.6)
-BEYOND_MM, NONE_MM = (14.0, 22.0, 30.0, 38.0), 6.0
+# Of the lining: what lies further back is not seen from inside; least distance of the mass from the
+# skin, how far behind it; one for so many of it; share of its stored colour and of its light.
+BACK_MM, LINED_MM, BEHIND_MM, FEWER, INSIDE = -30.0, 9.0, np.float32(4.0), 2, np.float32(0.6)
 FEWEST = 0.05  # opacity below which one is left out
 
 
@@ -91,26 +90,24 @@ def mass(
     return made, float((apart**2).sum())
 
 
-def lining(hair: Hair, skin: Floats) -> Hair:
-    """The inside of hair that hangs off the skin [n, 3] mm: deep in its own shadow, where the mass
-    is lit as it is outside."""
-    body = hair.rows(np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID)))
+def lined(hair: Hair, skin: Floats) -> Hair:
+    """As many Gaussians, with an inside where hair is swept off the skin [n, 3] mm at the temples:
+    deep in its own shadow, where the mass is lit as it is outside."""
+    wide = (hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID)
+    body = hair.rows(np.flatnonzero(wide & (hair.means[:, 2] > BACK_MM)))
     if len(body) == 0:
-        return body
-    tree, out = KDTree(body.means), away(body.means)
-    hangs = np.asarray(KDTree(skin).query(body.means)[0]) > LINED_MM
-    for mm in BEYOND_MM:  # of the two sides of a tail the outer one
-        hangs &= np.asarray(tree.query(body.means + mm * out)[0]) > NONE_MM
-    hangs, rng = np.flatnonzero(hangs), np.random.default_rng(0)
-    rows = hangs[evenly(body.means[hangs], len(hangs) // FEWER, rng)]
-    inner, wider = body.rows(rows), np.array([FEWER**0.5, FEWER**0.5, 1], np.float32)
-    return replace(
-        inner,
-        means=inner.means - BEHIND_MM * out[rows],
-        scales=wider * inner.scales,
-        albedo=INSIDE * inner.albedo,
-        seen=INSIDE * inner.seen,
+        return hair
+    hangs = np.flatnonzero(np.asarray(KDTree(skin).query(body.means)[0]) > LINED_MM)
+    rows = hangs[evenly(body.means[hangs], len(hangs) // FEWER, np.random.default_rng(0))]
+    inside, wider = body.rows(rows), np.array([FEWER**0.5, FEWER**0.5, 1], np.float32)
+    inside = replace(
+        inside,
+        means=inside.means - BEHIND_MM * away(inside.means),
+        scales=wider * inside.scales,
+        albedo=INSIDE * inside.albedo,
+        seen=INSIDE * inside.seen,
     )
+    return joined([inside, hair.rows(slice(len(hair) - len(inside)))])
 
 
 def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
