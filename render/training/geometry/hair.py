@@ -38,6 +38,7 @@ DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more
 FULLER = 1.5  # a mass of curls is whole so much nearer to its edge
 FRINGE, FAINT = 0.5, 0.6  # width and opacity of strands where the hair ends
 SHADE_MM, SHADED = (6.0, 18.0), 0.3  # below hair so high fine hairs see all, and less, of its light
+RAG_MM, RAG = (8.0, 6.0), 0.25  # off the skin at least; strands so near, as a share of the usual
 FREE_MM = 14.0  # off the skin: hair that hangs, seen from both sides
 LOWEST_MM = -1.0  # other strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
@@ -140,7 +141,15 @@ def grow(
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
     )
-    return joined([body, fibres])
+    return joined([covered(body, fibres, vertices[:SKIN_VERTICES]), fibres])
+
+
+def covered(body: Hair, fibres: Hair, skin: Floats) -> Hair:
+    """The mass without rags of it that hang in the air, with hardly a strand near them."""
+    hangs = np.asarray(KDTree(skin).query(body.means)[0]) > RAG_MM[0]
+    tree = KDTree(fibres.means)
+    count = np.asarray(tree.query_ball_point(body.means, RAG_MM[1], return_length=True))
+    return body.rows(np.flatnonzero(~hangs | (count > RAG * np.median(count))))
 
 
 def locks(pieces: Pieces, rng: np.random.Generator) -> NDArray[np.intp]:  # [n] 0 .. LOCKS

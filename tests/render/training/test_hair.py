@@ -156,6 +156,19 @@ def test_hair_swept_off_a_temple_is_dark_inside(body: tuple[Hair, float]) -> Non
     np.testing.assert_array_equal(behind.means, body[0].means)  # no one sees it from inside
 
 
+def test_a_mass_that_hangs_without_strands_is_left_out(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    pieces = sheet_of_hair()
+    strands = pieces.middles[pieces.middles[:, 0] < 10] + np.array([0, 0, 2], np.float32)
+    n = len(strands)
+    blank = np.zeros((n, 4), np.float32)
+    fibres = Hair(strands, blank, blank[:, :3], blank[:, 0], blank[:, :3], blank)
+    hanging = hair.covered(made, fibres, np.array([[0, 15, -60]], np.float32))
+    assert hanging.means[:, 0].max() < 17 and (made.means[:, 0] < 8).sum() > 0.9 * len(hanging) - 20
+    on_skin = hair.covered(made, fibres, made.means)
+    assert len(on_skin) == len(made)
+
+
 def test_locks_are_neighbours() -> None:
     pieces = sheet_of_hair()
     lock = hair.locks(pieces, np.random.default_rng(0))
