@@ -7,6 +7,7 @@ coloured one that went through it, and a glow when the lamp is behind (after Mar
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from render.lighting import TOWARDS, Lighting, developed
 from render.types import Density, Floats, Gaussians
@@ -34,7 +35,7 @@ class Hair:
     def __len__(self) -> int:
         return len(self.means)
 
-    def rows(self, which: slice) -> "Hair":
+    def rows(self, which: slice | NDArray[np.intp]) -> "Hair":
         """Some of them."""
         return Hair(*(getattr(self, f.name)[which] for f in fields(Hair)))
 

@@ -4,6 +4,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from render.lighting import BLEED, TOWARDS
+from render.strands import away
 from render.types import Floats
 
 LIES_MM, LOW_MM = 30.0, 14.0  # hair so near skin lies over it; so near, it has its roots there
@@ -16,6 +17,7 @@ RIM_MM = 3.0, 8.0  # the same for light from behind
 THROUGH = 0.8  # share of the light of strands that gets to the skin between them
 SHADED_MM = (6.0, 16.0)  # from the hair: in its shadow, out of it
 SHADE = 0.9  # share of the light of both rims that the hair keeps off
+BACKWARD = 0.6  # of -z: skin that faces so far backward has no hair in their way
 
 RAY_MM, BEAM_MM = (6.0, 12.0, 18.0, 24.0, 30.0), 4.0  # places towards a light; strands so near them
 DIM = 0.03, 0.6  # of the light that each strand keeps off; of all, at most
@@ -75,9 +77,11 @@ def shaded(
     points: Floats,  # [n, 3] mm
     hair: Floats,  # [h, 3] mm
 ) -> Floats:  # [4, n]
-    """Less of the rims, which shine from behind, beside hair: it stands in their way."""
+    """Less of the rims, which shine from behind, beside hair: it stands in their way, but for skin
+    that itself faces backward."""
     apart = np.asarray(KDTree(hair).query(points, k=BULK)[0])[:, -1]
     share = np.clip((SHADED_MM[1] - apart) / (SHADED_MM[1] - SHADED_MM[0]), 0, 1)
+    share *= 1 - np.clip(-away(points)[:, 2] / BACKWARD, 0, 1)
     out = visibility.copy()
     out[2:] *= (1 - SHADE * share * share * (3 - 2 * share)).astype(np.float32)
     return out

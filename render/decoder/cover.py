@@ -24,6 +24,7 @@ WHOLLY, RIM_MM = 0.99, 6.0
 LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a collar
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
+LOOSE_HOLE = 1.0  # the same of skin off the face
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
@@ -62,11 +63,17 @@ def cover(
         covers = of_kind & (on_lids | on_lips | (kind == mesh_parts.EYE))
         loose = of_kind & ~(covers | on_face)
         if kind == mesh_parts.SKIN:
-            rows = np.flatnonzero(of_kind & on_lips)
-            around = head.whole.corners[np.isin(head.whole.corners, lips).all(1)]
-            places = (PLACES @ shut[around]).reshape(-1, 3)
-            holes = farthest(points[rows], places.astype(np.float32))
-            widths[rows] = np.maximum(widths[rows], HOLE * holes / shut_stretch[rows])
+            skin = head.used[np.unique(head.interpolate[of_kind].indices)]
+            for among, which, own, share in (
+                (of_kind & on_lips, on_lips, lips, HOLE),
+                (of_kind, loose, skin, LOOSE_HOLE),
+            ):
+                around = head.whole.corners[np.isin(head.whole.corners, own).all(1)]
+                places = (PLACES @ shut[around]).reshape(-1, 3)
+                holes = np.zeros_like(widths)
+                holes[among] = farthest(points[among], places.astype(np.float32))
+                wide = np.where(which, share * holes / shut_stretch, 0)
+                widths = np.maximum(widths, wide.astype(np.float32))
         for which, share, least in (
             (covers, SHARE, OPACITY),
             (loose, LOOSE_SHARE, LOOSE_OPACITY),

@@ -17,7 +17,7 @@ from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.look import brows, clothes, eyes, lids, wrinkles
-from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, Recipe
+from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, SWEPT, Recipe
 from render.types import Floats
 
 BROW_DARKER, BRIGHTEST_BROW = 0.8, 0.36  # than the hair; stored
@@ -119,6 +119,7 @@ def haired(
     below = hairline.rooted(albedo, points, over[0], root)
     albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)
     matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
+    whole = mass.lined(grown, skin) if recipe.style in SWEPT else grown
     before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
@@ -127,7 +128,7 @@ def haired(
         gloss=(who.gloss * (1 - matte)).astype(np.float32),
         opacity_factors=np.where(hidden, 0, who.opacity_factors).astype(np.float32),
         visibility=visible,
-        hair=strands.joined([fine.rows(slice(half)), grown, fine.rows(slice(half, None))]),
+        hair=strands.joined([fine.rows(slice(half)), whole, fine.rows(slice(half, None))]),
     )
 
 

@@ -32,11 +32,14 @@ CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
 FINE_HAIRS, NEAR = 2200, 16  # along the hairline; strands that tell how they lie
 OPACITY, SPREAD, GAIN = 0.85, 0.08, 1.05
+LOCKS, LOCK, ACROSS = 320, 0.2, (1, 0.3, 1)  # how many; spread of their light; see `locks`
 ROOT = 0.75  # brightness there
 DIMMEST, CLEAR = 0.20, 0.55  # share of light that always gets through; and more in light hair
 FULLER = 1.5  # a mass of curls is whole so much nearer to its edge
 FRINGE, FAINT = 0.5, 0.6  # width and opacity of strands where the hair ends
-FREE_MM = 25.0  # off the skin: hair that hangs, seen from both sides
+SHADE_MM, SHADED = (6.0, 18.0), 0.3  # below hair so high fine hairs see all, and less, of its light
+RAG_MM, RAG = (8.0, 6.0), 0.25  # off the skin at least; strands so near, as a share of the usual
+FREE_MM = 14.0  # off the skin: hair that hangs, seen from both sides
 LOWEST_MM = -1.0  # other strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
 LIFT_MM = 0.8  # hair stays this far outside the skin
@@ -120,7 +123,9 @@ def grow(
     rows = high[strands_of(pieces.of(high), count, rng)]
     pieces, outward, seen, whole = pieces.of(rows), outward[rows], seen[rows], whole[rows]
     own = rng.normal(1, (SPREAD, 0.03, 0.05), (pieces.strand.max() + 1, 3))[pieces.strand]
-    bright = (pieces.bright**0.9 * own[:, 0])[:, None]
+    lock = rng.normal(1, LOCK, LOCKS).clip(1 - 2 * LOCK, 1 + 2 * LOCK)[locks(pieces, rng), None]
+    seen = (lock * seen).clip(0, 1).astype(np.float32)
+    bright = (pieces.bright**0.9 * own[:, 0])[:, None] * lock**0.5
     own[:, 0] = 1
     dark = ROOT + (1 - ROOT) * np.clip(3 * pieces.progress, 0, 1)
     linear = GAIN * np.array(tint) ** 2 * own * bright * dark[:, None]
@@ -136,7 +141,25 @@ def grow(
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
     )
-    return joined([body, fibres])
+    return joined([covered(body, fibres, vertices[:SKIN_VERTICES]), fibres])
+
+
+def covered(body: Hair, fibres: Hair, skin: Floats) -> Hair:
+    """The mass without rags of it that hang in the air, with hardly a strand near them."""
+    hangs = np.asarray(KDTree(skin).query(body.means)[0]) > RAG_MM[0]
+    tree = KDTree(fibres.means)
+    count = np.asarray(tree.query_ball_point(body.means, RAG_MM[1], return_length=True))
+    return body.rows(np.flatnonzero(~hangs | (count > RAG * np.median(count))))
+
+
+def locks(pieces: Pieces, rng: np.random.Generator) -> NDArray[np.intp]:  # [n] 0 .. LOCKS
+    """Which lock each piece goes with: strands whose middles are neighbours, across the hair more
+    than along it."""
+    long = np.bincount(pieces.strand).clip(1)
+    middle = np.stack([np.bincount(pieces.strand, axis) / long for axis in pieces.middles.T], 1)
+    middle *= ACROSS
+    some = middle[pieces.strand[rng.choice(len(pieces.strand), LOCKS)]]
+    return np.asarray(KDTree(some).query(middle)[1])[pieces.strand]
 
 
 def strands_of(pieces: Pieces, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
@@ -174,8 +197,10 @@ def before(
     """Fine hairs along the hairline, that lie as the hair behind it does."""
     rng = np.random.default_rng((seed, 6))
     skin = vertices[:SKIN_VERTICES]
-    near = np.asarray(KDTree(grown.means).query(skin, k=NEAR)[1])
-    flow, seen = axes(grown.quats)[near].mean(1), grown.seen[near].mean(1)
+    apart, near = (np.asarray(x) for x in KDTree(grown.means).query(skin, k=NEAR))
+    flow = axes(grown.quats)[near].mean(1)
+    shade = np.interp(apart.mean(1), SHADE_MM, (1, SHADED))[:, None]
+    seen = (shade * grown.seen[near].mean(1)).astype(np.float32)
     into = ((grown.means[near].mean(1) - skin) * flow).sum(1)
     flow *= np.where((into < 0) & (skin[:, 1] > 0), -1, 1)[:, None]  # from the edge into the hair
     cap = np.maximum(worn.cap, rooted.head_of_hair(assembly.face.neutral))

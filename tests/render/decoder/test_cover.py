@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.ndimage import binary_erosion
+from scipy.spatial import KDTree
 
 from render import cameras
 from render.avatars import sheet
@@ -174,3 +175,17 @@ def test_only_teeth_in_front_are_drawn(decoder):
     for side in (points[:, 1] < -34, points[:, 1] > -33):
         opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
         assert opacities[depth < 73].max() == 0 and np.median(opacities[depth > 101]) > 0.5
+
+
+def test_skin_of_a_thin_head_is_as_wide_as_the_holes_beside_it():
+    """Blots on nape and scalp were gaps: the dark inside of a head."""
+    t, card = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    head = prior_file.parts(t, card, "32k")["surface"]
+    mesh = prior_file.template(t)
+    points = head.interpolate @ mesh[head.used]
+    nape = np.flatnonzero((points[:, 2] < -30) & (points[:, 1] > -140) & (points[:, 1] < 110))
+    corners = head.whole.corners[np.isin(head.whole.corners, head.used).all(1)]
+    places = mesh[corners].mean(1)
+    behind = (places[:, 2] < -50) & (places[:, 1] > -120) & (places[:, 1] < 90)
+    distance, near = KDTree(points[nape]).query(places[behind])
+    assert (distance < 1.15 * head.scales[nape][near]).mean() > 0.99

@@ -1,5 +1,7 @@
 """Heads of hair: strands over a mass, hairs on the skin, a collar's curve."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -110,6 +112,70 @@ def test_skin_below_a_mass_is_hidden_and_beside_it_is_not(body: tuple[Hair, floa
     made, _ = body
     points = np.array([[0, 15, -95], [0, 15, -60], [70, 15, -95], [56, 15, -95]], np.float32)
     assert mass.hidden(points, made).tolist() == [True, False, False, False]
+
+
+def test_a_tail_is_whole_all_around_and_a_wisp_is_not() -> None:
+    rng = np.random.default_rng(0)
+    turn, down = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(-100, 0, 6000)
+    tail = np.stack([22 * np.cos(turn), down, 22 * np.sin(turn) - 120], 1).astype(np.float32)
+    _, whole = mass.sheet(tail, rng)
+    assert np.median(whole[(np.abs(down + 50) < 30)]) > 0.95
+    assert np.median(whole[(np.abs(down + 50) < 30) & (np.abs(tail[:, 0]) > 18)]) > 0.9
+    wisp = np.stack([rng.uniform(-1, 1, 300), 100 * rng.random(300), np.full(300, -120)], 1)
+    assert np.median(mass.sheet(wisp.astype(np.float32), rng)[1]) < 0.2
+
+
+def test_skin_below_a_hole_in_a_mass_is_seen(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    holed = made.rows(np.flatnonzero(np.linalg.norm(made.means[:, :2] - (0, 15), axis=1) > 9))
+    x, y = np.meshgrid(np.arange(-30, 31, 3.0), np.arange(-15, 46, 3.0))
+    points = np.stack([x, y, np.full_like(x, -95)], -1).reshape(-1, 3).astype(np.float32)
+    off = np.linalg.norm(points[:, :2] - (0, 15), axis=1)
+    hidden = mass.hidden(points, holed)
+    assert not hidden[off < 10].any() and hidden[(off > 24) & (off < 28)].all()
+
+
+def test_a_mass_leaves_no_gaps() -> None:
+    rng = np.random.default_rng(0)
+    points = np.zeros((20_000, 3), np.float32)
+    points[:, :2] = 100 * rng.random((20_000, 2)) ** 1.5  # denser in a corner
+    middles, reach = mass.spread(points, 400, rng)
+    assert 250 < len(middles) <= 400
+    assert reach.max() < 1.2 * np.sqrt(1e4 / len(middles))
+
+
+def test_hair_swept_off_a_temple_is_dark_inside(body: tuple[Hair, float]) -> None:
+    front = replace(body[0], means=body[0].means + np.array([0, 0, 180], np.float32))
+    lined = mass.lined(front, np.array([[0, 15, 60]], np.float32))
+    dark = lined.albedo.max(1) < 0.7 * front.albedo.max()
+    assert len(lined) == len(front) and len(front) / 4 < dark.sum() < len(front) / 2
+    assert not dark[dark.sum() :].any()  # first: thinner heads draw it too
+    assert lined.means[dark, 2].max() < lined.means[~dark, 2].min()  # on the side of the head
+    assert lined.seen[dark].max() < 0.35
+    behind = mass.lined(body[0], np.array([[0, 15, -80]], np.float32))
+    np.testing.assert_array_equal(behind.means, body[0].means)  # no one sees it from inside
+
+
+def test_a_mass_that_hangs_without_strands_is_left_out(body: tuple[Hair, float]) -> None:
+    made, _ = body
+    pieces = sheet_of_hair()
+    strands = pieces.middles[pieces.middles[:, 0] < 10] + np.array([0, 0, 2], np.float32)
+    n = len(strands)
+    blank = np.zeros((n, 4), np.float32)
+    fibres = Hair(strands, blank, blank[:, :3], blank[:, 0], blank[:, :3], blank)
+    hanging = hair.covered(made, fibres, np.array([[0, 15, -60]], np.float32))
+    assert hanging.means[:, 0].max() < 17 and (made.means[:, 0] < 8).sum() > 0.9 * len(hanging) - 20
+    on_skin = hair.covered(made, fibres, made.means)
+    assert len(on_skin) == len(made)
+
+
+def test_locks_are_neighbours() -> None:
+    pieces = sheet_of_hair()
+    lock = hair.locks(pieces, np.random.default_rng(0))
+    for one in np.unique(lock):
+        across = pieces.middles[lock == one, 0]
+        assert np.ptp(across) < 20
+    assert len(np.unique(lock)) > 20
 
 
 def test_thinner_heads_draw_the_first_of_the_hair_and_wider_strands() -> None:

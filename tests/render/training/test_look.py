@@ -28,6 +28,9 @@ def test_hair_keeps_light_from_behind_off_the_skin_beside_it() -> None:
     np.testing.assert_allclose(out[2:, 0], 0.8 * (1 - hairline.SHADE), rtol=1e-5)
     assert (out[2:, 0] < out[2:, 1]).all() and (out[2:, 1] < 0.8).all()
     np.testing.assert_array_equal(out[:, 2], seen[:, 2])
+    behind = np.array([[0, -40, -90]], np.float32)
+    nape = hairline.shaded(seen[:, :1], behind, np.tile(behind, (10, 1)))
+    assert (nape == seen[:, :1]).all()  # it faces the rims itself
     stray = hairline.shaded(seen, points, np.array([[3, 0, 0], *[[90, 0, 0]] * 9], np.float32))
     np.testing.assert_array_equal(stray, seen)  # one loose hair casts no shadow
 
