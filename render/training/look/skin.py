@@ -15,7 +15,9 @@ from render.training.look.relief import Relief, noise
 from render.types import Floats
 
 LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
-EVEN_HUE = 0.6  # of wide patches, how far they take the hue of the face
+EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
+RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
+CORNER, CORNER_COLOR = 0.9, np.array([0.90, 0.74, 0.72], np.float32)  # of the mouth, in its skin's
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -107,7 +109,8 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     lips = soft(places.lips, 1.5)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
-    red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.05 * ears
+    red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
+    red += 0.04 * places.face + 0.05 * places.spot(0, -36, 42, 26)
     red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
     out = out * np.clip(1 + red[..., None] * np.array([0.10, -0.55, -0.45], np.float32), 0.5, 1.3)
     melanin = 0.030 * relief.patches + 0.015 * relief.grain
@@ -136,16 +139,24 @@ def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
 
 
 def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
-    """Less of the hues that a texture has in wide patches (yellow around a mouth), and none of
-    its ragged corners of the mouth."""
+    """Less of the hues that a texture has in wide patches (yellow around a mouth), of its pale rim
+    of the lips, and none of its dark corners of the mouth."""
     bare = _bare(places) * soft(places.face, 7)
-    wide = soft(tone * (bare[..., None] + 1e-3), 14) / (soft(bare, 14) + 1e-3)[..., None]
+    wide = _among(tone, bare, 14)
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
     out = tone * (1 + EVEN_HUE * bare[..., None] * (usual / hue - 1))
     out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
-    corner = np.clip(1.5 * places.spot(24, -35, 6, 4.5), 0, 1)[..., None]
-    return (out + corner * (soft(out, 4) - out)).astype(np.float32)
+    skin = _among(out, bare, 34)
+    rim = RIM * bare * np.clip(3 * soft(places.lips, 22), 0, 1)
+    out *= (1 + rim * (skin @ LUMINANCE / np.clip(soft(out @ LUMINANCE, 5), 1e-3, None) - 1))[..., None]
+    corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
+    return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
+
+
+def _among(tone: Floats, where: Floats, sigma: float) -> Floats:  # [H, W, 3], [H, W]
+    """Blurred, by what lies there alone."""
+    return soft(tone * (where[..., None] + 1e-3), sigma) / (soft(where, sigma) + 1e-3)[..., None]
 
 
 def _off_lips(places: Places) -> Floats:  # [SIZE, SIZE, 1] 0..1
