@@ -18,6 +18,7 @@ LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of 
 EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
 RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
 CORNER, CORNER_COLOR = 0.9, np.array([0.90, 0.74, 0.72], np.float32)  # of the mouth, in its skin's
+DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -107,6 +108,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
     out = _evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     lips = soft(places.lips, 1.5)
+    out = _inside(out, places)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
@@ -121,7 +123,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     brown = np.array([0.5, 0.9, 1.1], np.float32)
     out = out * np.clip(1 - melanin[..., None] * brown, 0.4, 1.4)
     out = out * (1 - 0.13 * relief.pores[..., None] * np.array([0.6, 1.0, 1.1], np.float32))
-    rouge = np.array([0.0, -0.30, -0.24], np.float32) * np.float32(skin.lips)
+    rouge = np.array([0.0, -0.29, -0.28], np.float32) * np.float32(skin.lips)
     streaks = 1 + 0.05 * lips * relief.grain
     out = out * (1 + lips[..., None] * rouge) * streaks[..., None]
     out = out.astype(np.float32)
@@ -152,6 +154,17 @@ def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     out *= (1 + rim * (skin @ LUMINANCE / np.clip(soft(out @ LUMINANCE, 5), 1e-3, None) - 1))[..., None]
     corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
     return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
+
+
+def _inside(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """With lips that are wet flesh up to the teeth: a texture has the dark of the mouth on them,
+    which lips that part, roll and round bring out."""
+    lip = np.median(tone[(places.lips > 0.9) & (places.roll < 0.1)], 0)
+    mouth = soft(np.clip(places.lips + places.roll, 0, 1), 1.5)
+    dark = np.clip((DARK_LIP - soft(tone @ LUMINANCE, 1) / (lip @ LUMINANCE)) / 0.3, 0, 1)
+    out = tone + (mouth * dark)[..., None] * (lip * FLESH - tone)
+    ragged = np.clip(1.5 * mouth * places.spot(20, -34, 6, 5), 0, 1)[..., None]
+    return (out + ragged * (soft(out, 6) - out)).astype(np.float32)
 
 
 def _among(tone: Floats, where: Floats, sigma: float) -> Floats:  # [H, W, 3], [H, W]
