@@ -1,7 +1,7 @@
 """Colours inside a mouth, as gains of the stored ones that the prior knows.
 
-A tongue is redder, and lower teeth, which its occlusion leaves as bright as the upper ones, stand in
-the shade of a lip and of the upper teeth.
+A tongue is redder; lower teeth, as bright as the upper ones by the occlusion alone, stand in the
+shade of a lip and of those above.
 """
 
 import numpy as np

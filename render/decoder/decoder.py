@@ -35,7 +35,7 @@ __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
 KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 SOME_LIDS = 8  # one in so many tells the colour of a lid
-LIP_LIGHT = np.float32(0.55)  # of that at rest which lips keep: what is learned has blots where they roll in
+LIP_LIGHT = np.float32(0.55)  # of that at rest, at least: rolled lips have blots in what is learned
 # Gap of the lips at which the inside of the mouth begins to be drawn, how much wider all of it is.
 MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4
 
@@ -133,7 +133,7 @@ class Decoder:
 
     @cached_property
     def texels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
-        """`light_to_vertex` in the light decoder's order: starts of rows, texels, weights; `least`."""
+        """`light_to_vertex` in the order of the light decoder: starts, texels, weights; least."""
         place = np.argsort(self.light.order(len(self.light.ups))).astype(np.int32)
         least = np.isin(self.surface.used, self.regions["lips"]) * LIP_LIGHT
         starts, read = self.light_to_vertex.indptr.astype(np.int32), self.light_to_vertex

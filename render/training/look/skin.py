@@ -106,9 +106,9 @@ def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
 
 def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Relief) -> Floats:
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
-    out = _evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
+    out = evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     lips = soft(places.lips, 1.5)
-    out = _inside(out, places)
+    out = fleshed(out, places)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
@@ -140,23 +140,27 @@ def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
     return np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
 
 
-def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     """Less of the hues that a texture has in wide patches (yellow around a mouth), of its pale rim
     of the lips, and none of its dark corners of the mouth."""
     bare = _bare(places) * soft(places.face, 7)
-    wide = _among(tone, bare, 14)
+    off = np.clip(1 - 1.3 * soft(np.clip(places.lips + places.lids + places.roll, 0, 1), 1.2), 0, 1)
+    off *= soft(places.face, 7)
+    wide = _among(tone, off, 14)
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
-    out = tone * (1 + EVEN_HUE * bare[..., None] * (usual / hue - 1))
+    out = tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))
     out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
     skin = _among(out, bare, 34)
     rim = RIM * bare * np.clip(3 * soft(places.lips, 22), 0, 1)
-    out *= (1 + rim * (skin @ LUMINANCE / np.clip(soft(out @ LUMINANCE, 5), 1e-3, None) - 1))[..., None]
+    out *= (1 + rim * (skin @ LUMINANCE / np.clip(soft(out @ LUMINANCE, 5), 1e-3, None) - 1))[
+        ..., None
+    ]
     corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
     return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
 
 
-def _inside(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+def fleshed(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     """With lips that are wet flesh up to the teeth: a texture has the dark of the mouth on them,
     which lips that part, roll and round bring out."""
     lip = np.median(tone[(places.lips > 0.9) & (places.roll < 0.1)], 0)
