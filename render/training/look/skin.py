@@ -152,10 +152,9 @@ def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     out = tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))
     out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
     skin = _among(out, bare, 34)
-    rim = RIM * bare * np.clip(3 * soft(places.lips, 22), 0, 1)
-    out *= (1 + rim * (skin @ LUMINANCE / np.clip(soft(out @ LUMINANCE, 5), 1e-3, None) - 1))[
-        ..., None
-    ]
+    rim = RIM * off * np.clip(3 * soft(places.lips, 22), 0, 1)
+    lit = skin @ LUMINANCE / np.clip(_among(out, off, 5) @ LUMINANCE, 1e-3, None)
+    out *= (1 + rim * (np.minimum(lit, 1.15) - 1))[..., None]
     corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
     return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
 
