@@ -4,7 +4,7 @@ Reom's skins (CC BY), blood and melanin on top.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
@@ -15,6 +15,8 @@ from render.training.look.relief import Relief, noise
 from render.types import Floats
 
 LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
+DARKER_BROW = 0.9  # than the skin around it, in luminance, are the hairs of a painted brow
+LID_TOP_MM = (44, 50), (36.5, 26)  # mm across, mm up: painted brows are looked for above it
 EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
 RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
 CORNER, CORNER_COLOR = 0.9, np.array([0.90, 0.74, 0.72], np.float32)  # of the mouth, in its skin's
@@ -43,12 +45,15 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     tone = atlas[:, :SIZE].copy()
     known = places.points.any(2)
     lid = soft((places.lids > 0.3).astype(np.float32), 8)
-    brow = soft((places.brows > 0.25).astype(np.float32), 3) > 0.05
-    hole = brow | (lid > 0.06) | ~known
-    _, (row, column) = distance_transform_edt(hole, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
-    around = soft(soft(tone, 2)[row, column], 8)
-    share = soft(brow * (1 - np.clip(1.5 * places.lids, 0, 1)), 3.5)[..., None]
-    tone += share * (around - tone)
+    brow = soft((places.brows > 0.25).astype(np.float32), 9) > 0.01
+    above = places.up - np.interp(places.across, *LID_TOP_MM)
+    brow &= above > 0
+    whole = (known & (lid < 0.06)).astype(np.float32)
+    hairs = brow & (tone @ LUMINANCE < DARKER_BROW * (_among(tone, whole, 60) @ LUMINANCE))
+    hole = soft(hairs.astype(np.float32), 4) > 0.02
+    around = _among(tone, whole * ~hole, 16)
+    share = soft(hole * np.clip(above / 1.5, 0, 1), 3)[..., None]
+    tone += np.clip(1.3 * share, 0, 1) * (around - tone)
     inner = 1.3 * places.lips + 1.2 * places.lids + places.roll
     skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
     weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
