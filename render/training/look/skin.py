@@ -19,7 +19,7 @@ DARKER_BROW = 0.9  # than the skin around it, in luminance, are the hairs of a p
 LID_TOP_MM = (44, 50), (36.5, 26)  # mm across, mm up: painted brows are looked for above it
 EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
 RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
-CORNER, CORNER_COLOR = 0.9, np.array([0.90, 0.74, 0.72], np.float32)  # of the mouth, in its skin's
+CORNER, CORNER_COLOR = 0.9, np.array([0.93, 0.83, 0.81], np.float32)  # of the mouth, in its skin's
 DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
