@@ -13,8 +13,8 @@ from numba import njit
 from render.types import Floats, Ints
 
 TIP_MM = np.float32(9.0)  # a tongue's tip at rest lies so far behind the teeth
-SHARE = np.float32(0.9)  # of sky and key light that a tongue at the teeth sees at least
-REACH_MM = np.float32(9.0)  # behind them where that is a quarter
+SHARE = np.float32(1.0)  # of sky and key light that a tongue at the teeth sees at least
+REACH_MM = np.float32(10.5)  # behind them where that is a quarter
 
 
 @dataclass(frozen=True)

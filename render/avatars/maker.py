@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render import strands
+from render import mouth_tints, strands
 from render.avatars import blends, detail, lashes, textures
 from render.decoder import mesh_parts, prior_file
 from render.decoder.cover import turned_out
@@ -127,6 +127,7 @@ class Maker:
         plain = t["anchor_plain"].astype(np.float32) / np.float32(255)
         levels = textures.levels(t["anchor_kinds"], t["anchor_uv"], plain, skin, picture)
         albedo = np.einsum("nl,nlc->nc", t["anchor_mixing"].astype(np.float32), levels)
+        albedo *= self.surface.interpolate @ self.mouth_tints
         if isinstance(eye, str):
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
         albedo, (_, of, of_eyes) = np.clip(albedo, 0, 1), self._shown["65k"]
@@ -135,6 +136,15 @@ class Maker:
             bounds = textures.bounds(picture, t["anchor_uv"][on_eye], detail.EYE_REACH)
             albedo = detail.repainted(albedo, on_eye, of_eyes, wanted, bounds)
         return detail.sharpened(albedo, self.face, of, textures.sample(skin, of.uv * detail.ATLAS))
+
+    @cached_property
+    def mouth_tints(self) -> Floats:
+        """[U, 3] gains, 1 outside of the mouth."""
+        gains, teeth = np.ones_like(self.template), self.surface.used[self._t["teeth_rows"]]
+        height = self.template[:, 1]
+        lower = teeth[height[teeth] < height[self.posing.mouth.upper].mean()]
+        mouth_tints.tint(gains, self.posing.tongue, lower)
+        return gains[self.surface.used].astype(np.float32)
 
     @cached_property
     def face(self) -> NDArray[np.bool_]:

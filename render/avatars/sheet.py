@@ -70,7 +70,12 @@ EYES: dict[str, Pose] = {
 MOODS: dict[str, Pose] = {
     "happy": ({**SMILE, "jawOpen": 0.12}, AHEAD, 0.0),
     "sad": (_both(mouthFrown=0.7, browInnerUp=0.8, eyeLookDown=0.2), AHEAD, 0.0),
-    "angry": (_both(browDown=0.9, noseSneer=0.5, eyeSquint=0.4, mouthPress=0.4), AHEAD, 0.0),
+    "angry": (
+        {
+            **_both(browDown=1.0, noseSneer=0.35, eyeSquint=0.5, mouthPress=0.8, mouthFrown=0.4),
+            "mouthShrugLower": 0.3,
+        }, AHEAD, 0.0,
+    ),
     "surprised": (
         {**_both(browInnerUp=0.9, browOuterUp=0.9, eyeWide=0.8), "jawOpen": 0.3}, AHEAD, 0.0,
     ),

@@ -35,8 +35,9 @@ __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
 KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 SOME_LIDS = 8  # one in so many tells the colour of a lid
-MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4  # gap of the lips at which the inside of the mouth
-# begins to be drawn, and how much wider they are when it is drawn in full
+LIP_LIGHT = np.float32(0.55)  # of that at rest, at least: rolled lips have blots in what is learned
+# Gap of the lips at which the inside of the mouth begins to be drawn, how much wider all of it is.
+MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4
 
 
 @dataclass(frozen=True)
@@ -131,11 +132,12 @@ class Decoder:
         return out
 
     @cached_property
-    def texels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats]:
-        """`light_to_vertex` in the light decoder's order: starts of rows, texels, weights."""
+    def texels(self) -> tuple[NDArray[np.int32], NDArray[np.int32], Floats, Floats]:
+        """`light_to_vertex` in the order of the light decoder: starts, texels, weights; least."""
         place = np.argsort(self.light.order(len(self.light.ups))).astype(np.int32)
-        starts, texels = self.light_to_vertex.indptr.astype(np.int32), self.light_to_vertex.indices
-        return starts, place[texels], self.light_to_vertex.data.astype(np.float32)
+        least = np.isin(self.surface.used, self.regions["lips"]) * LIP_LIGHT
+        starts, read = self.light_to_vertex.indptr.astype(np.int32), self.light_to_vertex
+        return starts, place[read.indices], read.data.astype(np.float32), least
 
     def decode(
         self,
@@ -149,8 +151,7 @@ class Decoder:
         """M, S <- D(x, g; Theta_id): the mesh in mm, its head at rest; Gaussians of the skin, two
         highlights, hair and beard, in this order, of a head that turns on its neck.
 
-        With `reuse` the Gaussians' arrays are those of the last such call for this identity,
-        overwritten.
+        With `reuse` these are the last such call's arrays for this identity, overwritten.
         """
         rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
         vertices = self.posing.pose(rig, gaze, identity.rest)
@@ -179,7 +180,6 @@ class Decoder:
         gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
         opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
         scaled(cache.opacities, self.interior, opened, opacities)
-
         spots = slice(count, count + 2)
         eyes = gaze, identity.eye_centers, cache.eye_sizes, highlights.HALF @ move[:, :3]
         highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])

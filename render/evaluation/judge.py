@@ -14,7 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from render import cameras, tongue_light, wrinkles
+from render import cameras, mouth_tints, tongue_light, wrinkles
 from render.avatars.maker import GEOMETRY_UNIT_MM, Maker
 from render.decoder import beard, mesh_parts
 from render.decoder.decoder import Decoder
@@ -94,6 +94,7 @@ class Judge:
         colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums))
         self._dress(who)
         seen, tongue = np.ascontiguousarray(light.T), self.assembly.posing.tongue
+        mouth_tints.tint(colors, tongue, self.assembly.face.regions["teeth_lower"])
         tongue_light.light_tongue(vertices, who.rest.geometry, tongue, tongue, seen)
         lit, lids = np.ascontiguousarray(seen.T), self.assembly.posing.openings(vertices)
         self.assembly.light_gums(lit)

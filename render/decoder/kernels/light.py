@@ -130,18 +130,20 @@ def read_light(
     starts: Ints,  # [U + 1] a sparse map [U, texels] by rows
     texels: Ints,
     weights: Floats,
+    least: Floats,  # [U] of the light at rest that is seen in any expression
     change: Floats,  # [texels, 2] since rest
     rest: Floats,  # [2, U] shares of light that are seen at rest
     out: Floats,  # -> [2, U] 0..1
 ) -> None:
-    zero, one = np.float32(0), np.float32(1)
+    one = np.float32(1)
     for u in range(len(starts) - 1):
         sky, lamp = rest[0, u], rest[1, u]
+        dark, shade = least[u] * sky, least[u] * lamp
         for e in range(np.uintp(starts[u]), np.uintp(starts[u + 1])):
             texel = np.uintp(texels[e])
             sky += weights[e] * change[texel, 0]
             lamp += weights[e] * change[texel, 1]
-        out[0, u], out[1, u] = min(max(sky, zero), one), min(max(lamp, zero), one)
+        out[0, u], out[1, u] = min(max(sky, dark), one), min(max(lamp, shade), one)
 
 
 @loop

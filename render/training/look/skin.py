@@ -4,7 +4,7 @@ Reom's skins (CC BY), blood and melanin on top.
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import distance_transform_edt, map_coordinates
+from scipy.ndimage import map_coordinates
 
 from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
@@ -15,7 +15,12 @@ from render.training.look.relief import Relief, noise
 from render.types import Floats
 
 LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
-EVEN_HUE = 0.6  # of wide patches, how far they take the hue of the face
+DARKER_BROW = 0.9  # than the skin around it, in luminance, are the hairs of a painted brow
+LID_TOP_MM = (44, 50), (36.5, 26)  # mm across, mm up: painted brows are looked for above it
+EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
+RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
+CORNER, CORNER_COLOR = 0.9, np.array([0.93, 0.83, 0.81], np.float32)  # of the mouth, in its skin's
+DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -40,12 +45,15 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     tone = atlas[:, :SIZE].copy()
     known = places.points.any(2)
     lid = soft((places.lids > 0.3).astype(np.float32), 8)
-    brow = soft((places.brows > 0.25).astype(np.float32), 3) > 0.05
-    hole = brow | (lid > 0.06) | ~known
-    _, (row, column) = distance_transform_edt(hole, return_indices=True)  # pyright: ignore[reportGeneralTypeIssues]
-    around = soft(soft(tone, 2)[row, column], 8)
-    share = soft(brow * (1 - np.clip(1.5 * places.lids, 0, 1)), 3.5)[..., None]
-    tone += share * (around - tone)
+    brow = soft((places.brows > 0.25).astype(np.float32), 9) > 0.01
+    above = places.up - np.interp(places.across, *LID_TOP_MM)
+    brow &= above > 0
+    whole = (known & (lid < 0.06)).astype(np.float32)
+    hairs = brow & (tone @ LUMINANCE < DARKER_BROW * (_among(tone, whole, 60) @ LUMINANCE))
+    hole = soft(hairs.astype(np.float32), 4) > 0.02
+    around = _among(tone, whole * ~hole, 16)
+    share = soft(hole * np.clip(above / 1.5, 0, 1), 3)[..., None]
+    tone += np.clip(1.3 * share, 0, 1) * (around - tone)
     inner = 1.3 * places.lips + 1.2 * places.lids + places.roll
     skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
     weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
@@ -103,11 +111,13 @@ def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
 
 def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Relief) -> Floats:
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
-    out = _evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
+    out = evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     lips = soft(places.lips, 1.5)
+    out = fleshed(out, places)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
-    red = 0.16 * places.cheeks + 0.15 * places.nose + 0.06 * places.chin + 0.05 * ears
+    red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
+    red += 0.04 * places.face + 0.05 * places.spot(0, -36, 42, 26)
     red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
     out = out * np.clip(1 + red[..., None] * np.array([0.10, -0.55, -0.45], np.float32), 0.5, 1.3)
     melanin = 0.030 * relief.patches + 0.015 * relief.grain
@@ -118,7 +128,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     brown = np.array([0.5, 0.9, 1.1], np.float32)
     out = out * np.clip(1 - melanin[..., None] * brown, 0.4, 1.4)
     out = out * (1 - 0.13 * relief.pores[..., None] * np.array([0.6, 1.0, 1.1], np.float32))
-    rouge = np.array([0.0, -0.30, -0.24], np.float32) * np.float32(skin.lips)
+    rouge = np.array([0.0, -0.29, -0.28], np.float32) * np.float32(skin.lips)
     streaks = 1 + 0.05 * lips * relief.grain
     out = out * (1 + lips[..., None] * rouge) * streaks[..., None]
     out = out.astype(np.float32)
@@ -135,17 +145,39 @@ def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
     return np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
 
 
-def _evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
-    """Less of the hues that a texture has in wide patches (yellow around a mouth), and none of
-    its ragged corners of the mouth."""
+def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """Less of the hues that a texture has in wide patches (yellow around a mouth), of its pale rim
+    of the lips, and none of its dark corners of the mouth."""
     bare = _bare(places) * soft(places.face, 7)
-    wide = soft(tone * (bare[..., None] + 1e-3), 14) / (soft(bare, 14) + 1e-3)[..., None]
+    off = np.clip(1 - 1.3 * soft(np.clip(places.lips + places.lids + places.roll, 0, 1), 1.2), 0, 1)
+    off *= soft(places.face, 7)
+    wide = _among(tone, off, 14)
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
-    out = tone * (1 + EVEN_HUE * bare[..., None] * (usual / hue - 1))
+    out = tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))
     out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
-    corner = np.clip(1.5 * places.spot(24, -35, 6, 4.5), 0, 1)[..., None]
-    return (out + corner * (soft(out, 4) - out)).astype(np.float32)
+    skin = _among(out, bare, 34)
+    rim = RIM * off * np.clip(3 * soft(places.lips, 22), 0, 1)
+    lit = skin @ LUMINANCE / np.clip(_among(out, off, 5) @ LUMINANCE, 1e-3, None)
+    out *= (1 + rim * (np.minimum(lit, 1.15) - 1))[..., None]
+    corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
+    return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
+
+
+def fleshed(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """With lips that are wet flesh up to the teeth: a texture has the dark of the mouth on them,
+    which lips that part, roll and round bring out."""
+    lip = np.median(tone[(places.lips > 0.9) & (places.roll < 0.1)], 0)
+    mouth = soft(np.clip(places.lips + places.roll, 0, 1), 1.5)
+    dark = np.clip((DARK_LIP - soft(tone @ LUMINANCE, 1) / (lip @ LUMINANCE)) / 0.3, 0, 1)
+    out = tone + (mouth * dark)[..., None] * (lip * FLESH - tone)
+    ragged = np.clip(1.5 * mouth * places.spot(20, -34, 6, 5), 0, 1)[..., None]
+    return (out + ragged * (soft(out, 6) - out)).astype(np.float32)
+
+
+def _among(tone: Floats, where: Floats, sigma: float) -> Floats:  # [H, W, 3], [H, W]
+    """Blurred, by what lies there alone."""
+    return soft(tone * (where[..., None] + 1e-3), sigma) / (soft(where, sigma) + 1e-3)[..., None]
 
 
 def _off_lips(places: Places) -> Floats:  # [SIZE, SIZE, 1] 0..1

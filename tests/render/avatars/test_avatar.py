@@ -46,6 +46,18 @@ def test_a_new_person_keeps_their_shape_and_takes_their_texture(maker, skin):
     assert all(np.isfinite(getattr(cloud, name)).all() for name in FIELDS)
 
 
+def test_a_tongue_is_redder_than_the_prior_knows_and_lower_teeth_darker(maker, skin):
+    used, gains = maker.surface.used, maker.mouth_tints
+    tongue = np.isin(used, maker.posing.tongue)
+    assert (gains[tongue, 0] > gains[tongue, 1]).all() and (gains[used < 10_000] == 1).all()
+    lower = np.flatnonzero((gains < 1).all(1))
+    highest = maker.template[maker.posing.mouth.lower, 1].max()
+    assert len(lower) > 100 and (maker.template[used[lower], 1] < highest).all()
+    on_tongue = maker.surface.interpolate @ tongue.astype(np.float32) > 0.99
+    red, green, _ = maker.albedo(skin, "brown")[on_tongue].T
+    assert np.median(red / green) > 1.6
+
+
 def test_every_bust_ends_in_a_fade(maker, skin):
     """Red before: only those that are shipped did; one made from a scan had a torn edge."""
     head = maker.surface

@@ -119,3 +119,11 @@ def test_neighbours_stand_together(decoder):
     """What the loops read is near what they read just before."""
     first = decoder.surface.interpolate.indices.reshape(-1, 3).min(1)
     assert (np.diff(first) >= 0).all()
+
+
+@pytest.mark.parametrize("name", ["ada", "ines"])
+def test_lips_that_roll_in_keep_light(decoder, name):
+    """Dark blots on them would look like drops."""
+    who, lips = identity.load(name), np.isin(decoder.surface.used, decoder.regions["lips"])
+    seen = decoder.visibility(sheet.code(decoder, sheet.SPEECH["f"][0]), who)[:2, lips]
+    assert (seen >= 0.55 * who.visibility[:2, lips] - 1e-6).all()

@@ -3,8 +3,9 @@
 import numpy as np
 
 from render.avatars import hairline
-from render.lighting import TOWARDS
-from render.training.look import clothes, lids
+from render.lighting import LUMINANCE, TOWARDS
+from render.training.look import clothes, lids, skin
+from render.training.look.places import Places, soft
 
 SKIN = np.array([0.7, 0.5, 0.4], np.float32)
 ROOT = np.array([0.1, 0.1, 0.1], np.float32)
@@ -78,3 +79,49 @@ def test_a_collar_shades_the_skin_above_it_and_not_the_cloth() -> None:
     assert (seen[:, 0] == 1).all() and (seen[:, 3] == 1).all()
     assert (seen[2:, 1] < 0.3).all() and (seen[:2, 1] < 0.85).all()
     assert (seen[:2, 2] == 1).all() and (seen[2:, 2] > 0.5).all() and (seen[2:, 2] < 0.95).all()
+
+
+def around_a_mouth() -> Places:  # [H, W]
+    x, y = np.meshgrid(np.arange(-45, 45, 0.25), np.arange(-5, -75, -0.25))
+    at = np.hypot(x / 25, (y + 34) / 9)
+    maps = {name: np.zeros(x.shape, np.float32) for name in ("lids", "brows")}
+    return Places(
+        points=np.stack([x, y, 0 * x + 100], -1).astype(np.float32),
+        lips=(at < 1).astype(np.float32),
+        face=np.ones(x.shape, np.float32),
+        roll=(at < 0.5).astype(np.float32),
+        **maps,
+    )
+
+
+def test_a_patch_of_another_hue_around_a_mouth_takes_that_of_the_face() -> None:
+    places = around_a_mouth()
+    patch = soft((np.hypot(places.across - 34, places.up + 60) < 6).astype(np.float32), 4)
+    tone = np.where(places.lips[..., None] > 0.5, (0.5, 0.15, 0.14), SKIN).astype(np.float32)
+    yellow = tone * (1 - patch[..., None] * np.array([0.12, 0, 0.3], np.float32))
+    here, blue = patch > 0.9, SKIN[2] / SKIN[1]
+    out = skin.evened(yellow, places)
+    np.testing.assert_allclose(out[here] @ LUMINANCE, yellow[here] @ LUMINANCE, rtol=1e-4)
+    missing = blue - np.array([at[here, 2] / at[here, 1] for at in (yellow, out)])
+    assert missing[1].mean() < 0.6 * missing[0].mean()
+    middle = (places.lips > 0.5) & (places.across < 10)
+    np.testing.assert_allclose(out[middle], yellow[middle], rtol=0.05)
+
+
+def test_corners_of_a_mouth_are_not_painted_dark() -> None:
+    places = around_a_mouth()
+    streak = (np.abs(places.across - 26.5) < 2) & (np.abs(places.up + 34.5) < 1)
+    tone = np.where(places.lips[..., None] > 0.5, (0.5, 0.15, 0.14), SKIN).astype(np.float32)
+    tone[streak] = (0.12, 0.03, 0.02)
+    assert (skin.evened(tone, places)[streak] @ LUMINANCE > 0.55 * (SKIN @ LUMINANCE)).all()
+
+
+def test_the_inside_of_lips_is_flesh() -> None:
+    places = around_a_mouth()
+    lip = np.array([0.5, 0.15, 0.14], np.float32)
+    tone = np.where(places.lips[..., None] > 0.5, lip, SKIN).astype(np.float32)
+    tone[places.roll > 0.5] = 0.02
+    out = skin.fleshed(tone, places)
+    inside = np.hypot(places.across / 25, (places.up + 34) / 9) < 0.4
+    assert (out[inside] @ LUMINANCE > 0.75 * (lip @ LUMINANCE)).all()
+    np.testing.assert_array_equal(out[places.up > -10], tone[places.up > -10])
