@@ -44,16 +44,7 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     atlas = linear(face.image(f"albedo/{name}")[..., :3])
     tone = atlas[:, :SIZE].copy()
     known = places.points.any(2)
-    lid = soft((places.lids > 0.3).astype(np.float32), 8)
-    brow = soft((places.brows > 0.25).astype(np.float32), 9) > 0.01
-    above = places.up - np.interp(places.across, *LID_TOP_MM)
-    brow &= above > 0
-    whole = (known & (lid < 0.06)).astype(np.float32)
-    hairs = brow & (tone @ LUMINANCE < DARKER_BROW * (_among(tone, whole, 60) @ LUMINANCE))
-    hole = soft(hairs.astype(np.float32), 4) > 0.02
-    around = _among(tone, whole * ~hole, 16)
-    share = soft(hole * np.clip(above / 1.5, 0, 1), 3)[..., None]
-    tone += np.clip(1.3 * share, 0, 1) * (around - tone)
+    tone = shaven(tone, places)
     inner = 1.3 * places.lips + 1.2 * places.lids + places.roll
     skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
     weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
@@ -66,6 +57,20 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     blotch = soft(light, 0.6) / np.clip(soft(light, 3.5), 0.01, None)
     tone /= np.clip(blotch, 0.6, 1.6)[..., None] ** 0.35
     return np.concatenate([tone, atlas[:, SIZE:]], 1)
+
+
+def shaven(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """A skin whose painted brows, hair by hair, have the colour of the skin around them."""
+    lid = soft((places.lids > 0.3).astype(np.float32), 8)
+    whole = (places.points.any(2) & (lid < 0.06)).astype(np.float32)
+    brow = soft((places.brows > 0.25).astype(np.float32), 9) > 0.01
+    above = places.up - np.interp(places.across, *LID_TOP_MM)
+    brow &= above > 0
+    hairs = brow & (tone @ LUMINANCE < DARKER_BROW * (_among(tone, whole, 60) @ LUMINANCE))
+    hole = soft(hairs.astype(np.float32), 4) > 0.02
+    around = _among(tone, whole * ~hole, 16)
+    share = soft(hole * np.clip(above / 1.5, 0, 1), 3)[..., None]
+    return (tone + np.clip(1.3 * share, 0, 1) * (around - tone)).astype(np.float32)
 
 
 def _in_hue(tone: Floats, around: Floats) -> Floats:  # [..., 3] each
@@ -112,8 +117,7 @@ def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
 def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Relief) -> Floats:
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
     out = evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
-    lips = soft(places.lips, 1.5)
-    out = fleshed(out, places)
+    out, lips = fleshed(out.astype(np.float32), places), soft(places.lips, 1.5)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
@@ -154,7 +158,7 @@ def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     wide = _among(tone, off, 14)
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
-    out = tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))
+    out = (tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))).astype(np.float32)
     out *= (tone @ LUMINANCE / np.clip(out @ LUMINANCE, 1e-3, None))[..., None]
     skin = _among(out, bare, 34)
     rim = RIM * off * np.clip(3 * soft(places.lips, 22), 0, 1)
@@ -177,7 +181,8 @@ def fleshed(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
 
 def _among(tone: Floats, where: Floats, sigma: float) -> Floats:  # [H, W, 3], [H, W]
     """Blurred, by what lies there alone."""
-    return soft(tone * (where[..., None] + 1e-3), sigma) / (soft(where, sigma) + 1e-3)[..., None]
+    total = soft(tone * (where[..., None] + 1e-3), sigma)
+    return (total / (soft(where, sigma) + 1e-3)[..., None]).astype(np.float32)
 
 
 def _off_lips(places: Places) -> Floats:  # [SIZE, SIZE, 1] 0..1

@@ -98,7 +98,7 @@ def test_a_patch_of_another_hue_around_a_mouth_takes_that_of_the_face() -> None:
     places = around_a_mouth()
     patch = soft((np.hypot(places.across - 34, places.up + 60) < 6).astype(np.float32), 4)
     tone = np.where(places.lips[..., None] > 0.5, (0.5, 0.15, 0.14), SKIN).astype(np.float32)
-    yellow = tone * (1 - patch[..., None] * np.array([0.12, 0, 0.3], np.float32))
+    yellow = (tone * (1 - patch[..., None] * np.array([0.12, 0, 0.3]))).astype(np.float32)
     here, blue = patch > 0.9, SKIN[2] / SKIN[1]
     out = skin.evened(yellow, places)
     np.testing.assert_allclose(out[here] @ LUMINANCE, yellow[here] @ LUMINANCE, rtol=1e-4)
@@ -125,3 +125,22 @@ def test_the_inside_of_lips_is_flesh() -> None:
     inside = np.hypot(places.across / 25, (places.up + 34) / 9) < 0.4
     assert (out[inside] @ LUMINANCE > 0.75 * (lip @ LUMINANCE)).all()
     np.testing.assert_array_equal(out[places.up > -10], tone[places.up > -10])
+
+
+def test_painted_brows_leave_no_shadow_below() -> None:
+    """What fills them is skin, not the dark edge of a lid next to them."""
+    x, y = np.meshgrid(np.arange(-60, 60, 0.25), np.arange(75, 15, -0.25))
+    eye = np.hypot((np.abs(x) - 32) / 12, (y - 31) / 5) < 1
+    none = np.zeros(x.shape, np.float32)
+    points = np.stack([x, y, 0 * x + 90], -1).astype(np.float32)
+    brows = ((y > 37) & (np.abs(x) > 8)).astype(np.float32)
+    places = Places(points, none, eye.astype(np.float32), brows, none + 1, none)
+    tone = np.tile(SKIN, (*x.shape, 1))
+    tone[eye] *= 0.5
+    tone[
+        (np.abs(y - 44) < 2.5) & (np.abs(np.abs(x) - 34) < 18) & ((4 * x).astype(int) % 2 == 0)
+    ] = 0.05
+    out = skin.shaven(tone, places)
+    np.testing.assert_allclose(out[y > 39], np.tile(SKIN, ((y > 39).sum(), 1)), rtol=0.08)
+    below = (y < 32) & (np.abs(x) < 43)
+    np.testing.assert_array_equal(out[below], tone[below])
