@@ -8,7 +8,7 @@ from scipy.spatial import KDTree
 from render.avatars import hairline
 from render.avatars.maker import Maker
 from render.decoder.identity import Identity
-from render.strands import Hair
+from render.strands import Hair, away
 
 NEIGHBOURS = 24
 SOFT_MM = 18.0  # hair far from the skin follows a wide part of it
@@ -16,6 +16,7 @@ SKIN = 11248  # the first vertices are the skin's
 HIGH_MM = 80.0  # hair so high lies over the skin below it
 DENSE = 0.9  # cover of skin that has the colour of roots
 DARKER = 0.25  # quantile of it that is: at the edges skin shows through
+RADIUS_MM = np.float32(100.0)  # of a head
 SCALP_MM = 60.0  # skin above this height carries the hair
 
 
@@ -30,6 +31,8 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
         hairline.near(points, hairline.feet(who.geometry[:SKIN], normals, hair.means, highest))
         for highest in (hairline.LOW_MM, HIGH_MM)
     )
+    out, up = (RADIUS_MM * away(at) for at in (points, hair.means))
+    over = np.maximum(over, hairline.near(out, up))  # high above it feet are far apart
     root = np.quantile(lender.albedo[low > DENSE], DARKER, 0).astype(np.float32)
     unlike = np.linalg.norm(lender.albedo - root, axis=1)
     skin = np.linalg.norm(np.median(lender.albedo[maker.face], 0) - root)
@@ -42,7 +45,6 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
         hair=hair,
         albedo=(who.albedo + hairline.ROOTS * cover * (root - who.albedo)).astype(np.float32),
         gloss=(who.gloss * (1 - hairline.MATTE * over)).astype(np.float32),
-        opacity_factors=lender.opacity_factors,  # 0 of skin that it hides
         visibility=hairline.cast(visible, used, hair.means),
     )
 

@@ -141,7 +141,9 @@ def grow(
         np.sqrt(np.clip(linear, 0, 1)).astype(np.float32),
         seen,
     )
-    return joined([covered(body, fibres, vertices[:SKIN_VERTICES]), fibres])
+    if worn.span == LONG_SPAN:
+        body = covered(body, fibres, vertices[:SKIN_VERTICES])
+    return joined([body, fibres])
 
 
 def covered(body: Hair, fibres: Hair, skin: Floats) -> Hair:

@@ -20,7 +20,6 @@ REACH, LIMITS = 1.3, (0.8, 1.6)  # least distance, in how far it is alone; in th
 MOVES = 8  # of each to the middle of what it is nearest to
 DARK, LIGHT, OPACITY = 0.5, 0.75, 0.97  # brightness, as a share of the strands', and more if light
 EDGE = 0.20, 0.42  # how far the middle of them is off, in their radius: inside the hair, at its end
-WISP = 0.25, 0.5  # breadth of hair: a few strands, a sheet
 WHOLE, LIT = 25, 75  # percentiles around a place: of `whole`, as strands go on; of the light
 MATTE, CLEAR = 0.32, 1.1  # of the lamps that it sees, and more if light: what glints is strands
 # See `hidden`: opacity; how many; light through them; how far inside; how far off they are.
@@ -37,25 +36,22 @@ def sheet(middles: Floats, rng: np.random.Generator) -> tuple[Floats, Floats]:
     some = middles[rng.permutation(len(middles))[:SOME]]
     distance, near = (np.asarray(x) for x in KDTree(some).query(middles, k=NEAR))
     places = some[near].mean(1)
-    off, (out, broad) = places - middles, upright(some, near)
+    off, out = places - middles, upright(some, near)
     off -= (off * out).sum(1, keepdims=True) * out
     one_sided = np.linalg.norm(off, axis=1) / (distance[:, -1] + 1e-6)
     whole = np.clip((EDGE[1] - one_sided) / (EDGE[1] - EDGE[0]), 0, 1)
-    whole *= np.clip((broad - WISP[0]) / (WISP[1] - WISP[0]), 0, 1)
     return places, (whole * whole * (3 - 2 * whole)).astype(np.float32)
 
 
-def upright(points: Floats, near: NDArray[np.intp]) -> tuple[Floats, Floats]:
-    """Of the surface through some of the points [n, 3] mm, [m, k]: its normals out of the head
-    [m, 3], and how broad it is, as a share of its length [m] 0..1."""
+def upright(points: Floats, near: NDArray[np.intp]) -> Floats:  # [n, 3] mm, [m, k] -> [m, 3]
+    """Normals of the surface through some of the points, out of the head."""
     spread = np.zeros((len(near), 3, 3), np.float32)
     middle = points[near].mean(1)
     for row in near.T:
         off = points[row] - middle
         spread += off[:, :, None] * off[:, None]
-    sizes, ways = np.linalg.eigh(spread)
-    out = ways[..., 0] * np.where((ways[..., 0] * away(middle)).sum(1) < 0, -1, 1)[:, None]
-    return out, np.sqrt(sizes[:, 1].clip(0) / (sizes[:, 2] + 1e-6))
+    out = np.linalg.eigh(spread)[1][..., 0]
+    return out * np.where((out * away(middle)).sum(1) < 0, -1, 1)[:, None]
 
 
 def mass(
@@ -70,8 +66,10 @@ def mass(
     middles, reach = spread(places, COUNT, rng)
     some = rng.permutation(len(places))[:SOME]
     near = some[KDTree(places[some]).query(middles, k=NEAR)[1]]
-    along, out = pieces.along[near].mean(1), away(middles)
-    along -= (along * out).sum(1, keepdims=True) * out
+    along, out, upward = pieces.along[near].mean(1), away(middles), upright(places, near)
+    # behind, a glint that follows the surface would be a band across all the mass
+    across = np.where(middles[:, 2:] > BACK_MM, upward, out)
+    along -= (along * across).sum(1, keepdims=True) * across
     along /= np.linalg.norm(along, axis=1, keepdims=True) + 1e-9
     shown = OPACITY * np.percentile(whole[near[:, : NEAR // 3]], WHOLE, axis=1)
     apart = np.asarray(KDTree(middles).query(middles, k=6)[0])[:, 1:].mean(1)
@@ -80,7 +78,6 @@ def mass(
     stays = np.flatnonzero(shown > FEWEST)
     color = np.sqrt(linear * (DARK + LIGHT * np.sqrt(linear.mean())))
     matte = min(MATTE + CLEAR * np.sqrt(linear.mean()), 1)
-    upward = upright(places, near)[0]
     deep = DEPTH_MM * (upward * out).sum(1, keepdims=True) * upward  # none beside a tail
     light = np.percentile(seen[near], LIT, axis=1) * (1, matte, matte, matte)
     size = np.concatenate([ALONG * apart, ACROSS * apart, np.full_like(apart, THICK_MM)], 1)

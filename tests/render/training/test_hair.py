@@ -114,15 +114,13 @@ def test_skin_below_a_mass_is_hidden_and_beside_it_is_not(body: tuple[Hair, floa
     assert mass.hidden(points, made).tolist() == [True, False, False, False]
 
 
-def test_a_tail_is_whole_all_around_and_a_wisp_is_not() -> None:
+def test_a_tail_is_whole_all_around() -> None:
     rng = np.random.default_rng(0)
     turn, down = rng.uniform(0, 2 * np.pi, 6000), rng.uniform(-100, 0, 6000)
     tail = np.stack([22 * np.cos(turn), down, 22 * np.sin(turn) - 120], 1).astype(np.float32)
     _, whole = mass.sheet(tail, rng)
     assert np.median(whole[(np.abs(down + 50) < 30)]) > 0.95
     assert np.median(whole[(np.abs(down + 50) < 30) & (np.abs(tail[:, 0]) > 18)]) > 0.9
-    wisp = np.stack([rng.uniform(-1, 1, 300), 100 * rng.random(300), np.full(300, -120)], 1)
-    assert np.median(mass.sheet(wisp.astype(np.float32), rng)[1]) < 0.2
 
 
 def test_skin_below_a_hole_in_a_mass_is_seen(body: tuple[Hair, float]) -> None:
