@@ -1,12 +1,11 @@
 """Forced alignment: text and a real recording -> timed phones, as pseudo-truth for real voices.
 
-English by pocketsphinx and its bundled model (median error about 10 ms against synthetic truth),
-which also guesses the text where none is known; other languages by speaking the text with espeak-ng
-and warping its sound onto the recording (median 16-19 ms).
+English by pocketsphinx and its bundled model (median error about 10 ms against synthetic truth);
+other languages by speaking the text with espeak-ng and warping its sound onto the recording
+(median 16-19 ms).
 """
 
 import re
-from typing import Any
 
 import numpy as np
 import soxr
@@ -28,7 +27,6 @@ class EnglishAligner:
 
         self._make = lambda **settings: Decoder(samprate=_RATE, loglevel="FATAL", **settings)
         self._decoders = [self._make(), self._make(bestpath=False, beam=1e-80, wbeam=1e-60)]
-        self._recogniser: Any = None
 
     def align(self, audio: np.ndarray, text: str) -> list[Phone] | None:
         """audio [n] at 48 kHz; None if a word is unknown or no path was found."""
@@ -36,31 +34,14 @@ class EnglishAligner:
         words = [w for w in words if w]
         if not words or any(self._decoders[0].lookup_word(w) is None for w in words):
             return None
-        pcm = _pcm(audio)
+        sound = soxr.resample(audio, SAMPLE_RATE, _RATE)
+        pcm = np.clip(sound * 32767, -32768, 32767).astype(np.int16).tobytes()
         for decoder in self._decoders:
             try:
                 return _align(decoder, pcm, " ".join(words))
             except RuntimeError:  # its second pass fails on some recordings
                 continue
         return None
-
-    def recognise(self, audio: np.ndarray) -> str:
-        """audio [n] at 48 kHz -> the words that the bundled language model finds likeliest.
-
-        Where one is wrong its phones mostly are not, which is all that is asked of it.
-        """
-        if self._recogniser is None:
-            self._recogniser = self._make(maxhmmpf=3000, maxwpf=10)  # three times as fast
-        self._recogniser.start_utt()
-        self._recogniser.process_raw(_pcm(audio), full_utt=True)
-        self._recogniser.end_utt()
-        found = self._recogniser.hyp()
-        return found.hypstr if found else ""
-
-
-def _pcm(audio: np.ndarray) -> bytes:
-    sound = soxr.resample(audio, SAMPLE_RATE, _RATE)
-    return np.clip(sound * 32767, -32768, 32767).astype(np.int16).tobytes()
 
 
 def _align(decoder, pcm: bytes, text: str) -> list[Phone]:

@@ -13,13 +13,13 @@ from pathlib import Path
 
 import numpy as np
 
-from encoder.capture.made import Take, Talker, phone_labels, spoken_take, take
+from encoder.capture.made import Take, Talker, spoken_take, take
 from encoder.capture.motion.channels import JAW_OPEN
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.style import Style
 from encoder.capture.motion.upper_face import upper_face
 from encoder.capture.speech.align import EnglishAligner, align_by_espeak
-from encoder.capture.speech.phones import Speech, pack_phones
+from encoder.capture.speech.phones import Speech
 from encoder.capture.speech.synthesis import Espeak
 from encoder.capture.speech.voices import Voice
 from encoder.capture.subjects import mocap
@@ -91,19 +91,15 @@ def aligned_takes(
 def envelope_takes(
     folder: Path, lines: list[TranscriptLine], seed: tuple[int, ...]
 ) -> Iterator[Take]:
-    """Real voices without text: the jaw follows the loudness. What English ones say is guessed."""
-    rng, english = np.random.default_rng(seed), EnglishAligner()
+    """Real voices without text: the jaw follows the loudness."""
+    rng = np.random.default_rng(seed)
     for line in lines:
         audio = _sound(folder / line.file)
         rig = mocap.envelope_curves(audio)
-        text = english.recognise(audio) if line.language.startswith("en") else ""
-        said = english.align(audio, text) if text else None
-        heard = phone_labels(said, len(rig)) if said else np.full(len(rig), -1)
         upper, gaze = upper_face(rig[:, JAW_OPEN] / 0.34, rng)
         yield take(
-            audio, rig + upper, gaze, heard,
+            audio, rig + upper, gaze, np.full(len(rig), -1),
             truth="envelope", voice=f"real-{line.speaker}", split="train", kind="envelope",
-            text=text, spans=pack_phones(said) if said else None,
         )  # fmt: skip
 
 

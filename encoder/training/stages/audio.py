@@ -2,8 +2,8 @@
 
 Its output describes what is said, whoever speaks and whatever the room: log-odds of phone and
 viseme, of the viseme that comes next, voicing, pitch and loudness. Phones come from text (aligned,
-exact from synthesis, or of real voices what a recogniser makes of them); half of what visemes real
-voices show comes from a small public network, which hears the clean sound.
+or exact from synthesis); visemes of voices without text come from a small public network, which
+hears the clean sound.
 """
 
 from dataclasses import asdict, dataclass, field
@@ -34,7 +34,6 @@ WIDTH = len(PHONES) + 2 * len(viseme_teacher.VISEMES) + 3
 # Talkers whose tracked motion tests all later stages: the encoder never hears their voices.
 TALKERS = ("grid-", "facegood")
 AHEAD_S = round(heard.AHEAD * heard.HOP / PACK_RATE, 4)
-GO_ON = 0.5  # of the learning rate, with weights that are trained already
 KNOWN = "grid-s1"  # the exception, who is in every training set
 
 
@@ -56,7 +55,7 @@ class AudioConfig:
     shares: tuple[tuple[str, float], ...] = (
         ("rules", 0.45),
         ("tracked", 0.15),
-        ("envelope", 0.4),  # real voices whose text was guessed: the most voices
+        ("envelope", 0.4),  # real voices without text: the most voices
     )
 
 
@@ -151,9 +150,8 @@ def run(config: AudioConfig) -> dict[str, float]:
         return losses(encoder.project(said).float(), lessons, loudness)
 
     modules: dict[str, nn.Module] = {"encoder": encoder}
-    rate = config.rate * (GO_ON if config.start else 1)
     metrics, curve = loop.train(
-        "audio", modules, step_losses, steps=config.steps, rate=rate, run=config.run
+        "audio", modules, step_losses, steps=config.steps, rate=config.rate, run=config.run
     )
     if ranks.leads:
         write(config, encoder, config.run.card(metrics, curve))
@@ -181,8 +179,7 @@ def write(config: AudioConfig, encoder: AudioEncoder, trained: dict[str, Any]) -
         "outputs": {"phones": PHONES, "visemes": viseme_teacher.VISEMES, "ahead_s": AHEAD_S,
                     "others": "visemes ahead_s later, voiced, pitch, loudness"},
         "data": sources,
-        "truth": "phones: of synthesis, aligned with text or recognised words; visemes: of these, "
-        "and the teacher's",
+        "truth": "phones: of synthesis, or aligned with text; visemes: the same, and the teacher's",
         "steps": config.steps,
         **trained,
     }  # fmt: skip

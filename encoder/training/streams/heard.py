@@ -47,7 +47,7 @@ class Lesson:
 
 def prepare(clip: Clip, teacher: VisemeTeacher | None) -> Heard:
     """Targets of a clip. Phones come from its spans, if any. Visemes follow from the phones; for
-    real voices half comes from the teacher, where no phones are known all."""
+    real voices half comes from the teacher, for voices without text all."""
     count = len(clip.audio) // HOP
     audio = np.array(clip.audio[: count * HOP])
     times = (np.arange(count) + 1) * HOP / PACK_RATE
