@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from render.types import Floats
 
-TONGUE = np.array([1.03, 0.89, 0.90], np.float32)
-LOWER_TEETH = np.array([0.90, 0.90, 0.90], np.float32)
+TONGUE = np.array([1.0, 0.94, 0.95], np.float32)
+LOWER_TEETH = np.array([0.84, 0.84, 0.84], np.float32)
 
 
 def tint(colors: Floats, tongue: NDArray[np.integer], lower: NDArray[np.integer]) -> None:
