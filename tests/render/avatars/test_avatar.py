@@ -55,7 +55,7 @@ def test_a_tongue_is_redder_than_the_prior_knows_and_lower_teeth_darker(maker, s
     assert len(lower) > 100 and (maker.template[used[lower], 1] < highest).all()
     on_tongue = maker.surface.interpolate @ tongue.astype(np.float32) > 0.99
     red, green, _ = maker.albedo(skin, "brown")[on_tongue].T
-    assert np.median(red / green) > 1.6
+    assert np.median(red / green) > 1.5  # 1.46 without
 
 
 def test_every_bust_ends_in_a_fade(maker, skin):
