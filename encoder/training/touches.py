@@ -28,7 +28,7 @@ def meeting(
     are moved no further than needed."""
     asked = _is(phones, LIP_CLOSING)
     closing = asked & (_least(wanted) < 1)
-    idle = _most(asked.float()) == 0
+    idle = _far_from(asked)
     moves = moved.square() * there
     open_ = (_is(phones, VOWELS) | (phones < 0)) & (wanted > 2.5)
     missed = (_least(now) - SHUT_MM).relu().square() * closing * there * rarity[phones]
@@ -49,7 +49,7 @@ def tucking(
     else much further than in the truth. Phones and the rest as in `meeting`."""
     asked = _is(phones, TEETH_TOUCHING)
     missed = (TUCKED - _most(roll)).relu().square() * (asked & (wanted > TUCKED / 2))
-    false = (roll - wanted - LOOSE).relu().square() * (_most(asked.float()) == 0) * (phones >= 0)
+    false = (roll - wanted - LOOSE).relu().square() * _far_from(asked) * (phones >= 0)
     count = there.sum()
     return {
         "loose": (missed * there * rarity[phones]).sum() / count,
@@ -59,6 +59,11 @@ def tucking(
 
 def _is(phones: Tensor, names: tuple[str, ...]) -> Tensor:
     return torch.isin(phones, torch.tensor([PHONE_INDEX[name] for name in names]))
+
+
+def _far_from(asked: Tensor) -> Tensor:  # [B, T] bool
+    """Where none is asked within two frames."""
+    return _most(asked.float()) == 0
 
 
 def _most(x: Tensor) -> Tensor:  # [B, T]

@@ -95,8 +95,7 @@ def mass(
 def lined(hair: Hair, skin: Floats) -> Hair:
     """As many Gaussians, with an inside where hair is swept off the skin [n, 3] mm at the temples:
     deep in its own shadow, where the mass is lit as it is outside."""
-    wide = (hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID)
-    body = hair.rows(np.flatnonzero(wide & (hair.means[:, 2] > BACK_MM)))
+    body = hair.rows(np.flatnonzero(_solid(hair) & (hair.means[:, 2] > BACK_MM)))
     if len(body) == 0:
         return hair
     hangs = np.flatnonzero(np.asarray(KDTree(skin).query(body.means)[0]) > LINED_MM)
@@ -114,7 +113,7 @@ def lined(hair: Hair, skin: Floats) -> Hair:
 
 def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
     """What lies below the whole of a mass, from whichever side one looks."""
-    body = np.flatnonzero((hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID))
+    body = np.flatnonzero(_solid(hair))
     if len(body) < AROUND:
         return np.zeros(len(points), bool)
     means, out = hair.means[body], away(points)[:, None]
@@ -125,6 +124,11 @@ def hidden(points: Floats, hair: Hair) -> NDArray[np.bool_]:  # [n, 3] mm -> [n]
     clear = 1 - np.exp(-0.5 * aside / hair.scales[body, 1][near] ** 2)
     thick = (clear.prod(1) < GAPS) & (above.mean(1) > BENEATH_MM) & (distance[:, -1] < HIGH_MM)
     return thick & (np.asarray(KDTree(points[~thick]).query(points)[0]) > INSIDE_MM)
+
+
+def _solid(hair: Hair) -> NDArray[np.bool_]:  # [h]
+    """What of it is a mass that nothing is seen through."""
+    return (hair.scales[:, 1] > THIN_MM) & (hair.opacities > SOLID)
 
 
 def evenly(points: Floats, count: int, rng: np.random.Generator) -> NDArray[np.intp]:

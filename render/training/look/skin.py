@@ -45,8 +45,7 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     tone = atlas[:, :SIZE].copy()
     known = places.points.any(2)
     tone = shaven(tone, places)
-    inner = 1.3 * places.lips + 1.2 * places.lids + places.roll
-    skin = np.clip(1 - 1.2 * soft(np.clip(inner, 0, 1), 2.5), 0, 1)
+    skin = _bare(places)
     weight = (skin * known * (places.up > -90) + 1e-4).astype(np.float32)
     wide, near = (soft(tone * weight[..., None], s) / soft(weight, s)[..., None] for s in (35, 9))
     sockets = np.clip(3 * soft((places.lids > 0.3).astype(np.float32), 7), 0, 1)[..., None]
