@@ -78,16 +78,17 @@ def vrchat(info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C") -> It
         server.server_close()
 
 
-def looked_for(wait_s: float = 1.0) -> VRChat:
-    return find(wait_s, [HERE])
+def looked_for() -> VRChat:
+    """A responder may hold an answer back for more than a second."""
+    return find(2.5, [HERE])
 
 
 def found_in_time() -> VRChat:
-    """Announcements are datagrams, which a responder may hold back for more than a second."""
+    """Announcements are datagrams, which may be lost or late on a busy machine."""
     for _ in range(4):
         with contextlib.suppress(InputError):
-            return looked_for(2.5)
-    return looked_for(2.5)
+            return looked_for()
+    return looked_for()
 
 
 def test_it_is_found_with_its_port_and_the_avatars_prefix(
