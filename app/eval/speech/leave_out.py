@@ -104,10 +104,10 @@ def show(rows: dict[str, dict[str, float]], prefix: str) -> None:
 
 
 def babble(others: list[np.ndarray], seed: int) -> Change:
-    """Adds four talkers at once, BABBLE_DB below the sound."""
+    """Adds four talkers at once, BABBLE_DB below the sound; others to each sound."""
+    rng = np.random.default_rng(seed)
 
     def change(sound: np.ndarray) -> np.ndarray:
-        rng = np.random.default_rng([seed, len(sound)])
         chosen: list[int] = rng.integers(len(others), size=4).tolist()
         voices = [np.resize(others[i], len(sound)) for i in chosen]
         noise = np.sum([voice / max(float(voice.std()), 1e-4) for voice in voices], 0)
