@@ -1,0 +1,23 @@
+"""Sounds that talkers left out are heard through."""
+
+import numpy as np
+
+from app.eval.speech.leave_out import babble, telephone
+
+
+def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
+    rng = np.random.default_rng(0)
+    others = [rng.standard_normal(4000) for _ in range(20)]
+    sound = rng.standard_normal(5000).astype(np.float32)
+    change = babble(others, 3)
+    first, second = change(sound) - sound, change(sound) - sound
+    for noise in (first, second):
+        assert abs(20 * np.log10(sound.std() / noise.std()) - 10) < 0.1
+    assert abs(np.corrcoef(first, second)[0, 1]) < 0.9
+    np.testing.assert_array_equal(babble(others, 3)(sound) - sound, first)
+
+
+def test_a_telephone_passes_1_khz_and_stops_5() -> None:
+    time = np.arange(48_000) / 48_000
+    low, high = (telephone()(np.sin(2 * np.pi * hz * time)).std() for hz in (1000, 5000))
+    assert low > 0.69 and high < 0.08
