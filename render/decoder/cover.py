@@ -31,7 +31,7 @@ PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
-RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
+RIM_DEG = (62.0, 78.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
 def cover(
