@@ -7,6 +7,8 @@ an iris seen near is uneven, as if it looked elsewhere, dots cover neck and ears
 have holes.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,8 @@ from render.decoder.surface import Surface, stretch
 from render.types import AHEAD, Floats
 
 NEIGHBOURS = 4
+SOME_LIDS = 8  # one in so many tells the colour of a lid
+LINING = 0.0  # cosine to the way out of an eye below which skin is on the inside of a lid
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 # Skin is the face's where so much of it is, and so far inside its rim: at the rim the layer below
@@ -25,13 +29,14 @@ LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a collar
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 LOOSE_HOLE = 1.0  # the same of skin off the face
+LID_HOLE = 1.4  # and of shut lids: what is behind them is dark
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
-RIM_DEG = (62.0, 78.0)  # from straight ahead: where an eyeball fades into the dark of its socket
+RIM_DEG = (72.0, 88.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
 def cover(
@@ -66,6 +71,7 @@ def cover(
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
             for among, which, own, share in (
                 (of_kind & on_lips, on_lips, lips, HOLE),
+                (of_kind & on_lids, on_lids, lids, LID_HOLE),
                 (of_kind, loose, skin, LOOSE_HOLE),
             ):
                 around = head.whole.corners[np.isin(head.whole.corners, own).all(1)]
@@ -113,6 +119,36 @@ def molars(
         back, front = MOLARS_MM[side]
         shown[rows[of_side]] = np.clip((forward[of_side] - back) / (front - back), 0, 1)
     return shown
+
+
+class Eye(NamedTuple):
+    """Gaussians of one eye."""
+
+    ball: NDArray[np.intp]
+    covered: NDArray[np.intp]  # these and those on the inside of the lids, which no light reaches
+    lid: NDArray[np.intp]  # some of those on the upper lid, which tell its colour
+
+
+def eyes(
+    head: Surface,
+    posing: Posing,
+    eyelids: NDArray[np.int32],  # vertices
+    mesh: Floats,  # [V, 3] mm
+) -> list[Eye]:
+    normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[Eye]()
+    points = head.interpolate @ mesh[head.used]
+
+    def on(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
+        return head.interpolate @ np.isin(head.used, vertices).astype(np.float32) > WHOLLY
+
+    for ball, slides in zip(posing.eyeballs, posing.lids, strict=True):
+        arm = points - sphere_centre(mesh[ball])
+        inside = np.einsum("nk,nk->n", arm, normals) < LINING * np.linalg.norm(arm, axis=1)
+        lid, of_ball = on(np.intersect1d(eyelids, slides)), np.flatnonzero(on(ball))
+        lining = np.flatnonzero(lid & inside)
+        seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
+        out.append(Eye(of_ball, np.concatenate([of_ball, lining]), seen))
+    return out
 
 
 def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:

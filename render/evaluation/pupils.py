@@ -17,7 +17,7 @@ def error_deg(decoder: Decoder, renderer: Renderer, who: Identity) -> float:
     """How far the pupils of someone whose pupils should point ahead are off, the worse eye."""
     worst, inward = 0.0, np.stack([outward(1), outward(0)])
     _, cloud = decoder.decode(np.zeros(256, np.float32), inward, who)
-    for eye, rows in enumerate(decoder.eyes[0]):
+    for eye, rows in enumerate(of.ball for of in decoder.eyes):
         cut = Gaussians(
             cloud.means[rows], cloud.quats[rows], cloud.scales[rows], cloud.opacities[rows],
             cloud.colors[rows],

@@ -19,7 +19,8 @@ COLORS = {
     "green": ((0.16, 0.20, 0.095), (0.30, 0.22, 0.10)),
     "grey": ((0.21, 0.24, 0.245), (0.27, 0.235, 0.175)),
 }
-WHITE, RED = (0.47, 0.425, 0.385), (0.12, 0.34, 0.36)  # of the eyeball; less of it at the rim
+WHITE, RED = (0.47, 0.425, 0.385), (0.14, 0.29, 0.31)  # of the eyeball; less of it at the rim
+LIMBUS = 0.86  # how much darker the outermost ring of an iris is
 MIDDLE = 0.28  # brightness of Reom's iris
 COLLAR = 0.235  # where its pupil ends
 RINGS = 40  # of an iris, each of which is lit evenly
@@ -34,12 +35,12 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
     outside, inside = (np.array(c, np.float32) for c in COLORS[name])
     collar = 0.75 * np.clip(1 - inner / 0.45, 0, 1)[..., None]
     iris = (outside * (1 - collar) + inside * collar) * fibres[..., None]
-    iris = iris * (1 - 0.80 * np.clip((radius - 0.80) / 0.22, 0, 1) ** 1.3)[..., None]
+    iris = iris * (1 - LIMBUS * np.clip((radius - 0.74) / 0.20, 0, 1) ** 1.5)[..., None]
     pupil = np.clip((radius - PUPIL) / 0.035, 0, 1)[..., None]
     iris = iris * pupil + (1 - pupil) * 0.004
     rim = np.clip((away - 30) / 45, 0, 1)[..., None]
     white = np.array(WHITE) * (1 - rim * np.array(RED)) * _veins(x, y, away)
-    edge = np.clip((1.035 - radius) / 0.13, 0, 1)
+    edge = np.clip((1.055 - radius) / 0.10, 0, 1)
     edge = (edge * edge * (3 - 2 * edge))[..., None]
     return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
 
