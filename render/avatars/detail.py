@@ -20,8 +20,8 @@ from render.types import Density, Floats
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
 VIEWS_DEG = ((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12))
-# The same of eyes, which turn: else an iris that looks to a corner has a ragged edge.
-EYE_VIEWS_DEG = ((0, 0), (-28, 0), (28, 0), (-28, -14), (28, 14), (-28, 14), (28, -14))
+# The same of eyes, which turn; straight ahead counts thrice.
+EYE_VIEWS_DEG = ((0, 0), (0, 0), (0, 0), (-28, -14), (28, 14), (-28, 14), (28, -14))
 NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
 PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8

@@ -8,8 +8,8 @@ from render.decoder.posing import outward
 from render.evaluation.judge import SIZE_PX, eye_camera
 from render.types import Gaussians, Renderer
 
-NEAR = 0.10  # of the picture: the pupil is looked for this near its middle
-DARKEST = 15  # percent of the pixels there
+NEAR = 0.075  # of the picture: the pupil is looked for this near its middle, inside the iris' rim
+DARKEST = 27  # percent of the pixels there
 CORNEA_MM, DISTANCE_MM = 16.6, 900.0
 
 

@@ -7,7 +7,8 @@ from scipy.spatial import KDTree
 from render.training.look.places import Places, soft
 from render.types import Floats
 
-PAINTED_MM = 7.5, 13.0  # from the edges of the lids: a texture's own corners, crease and lashes; none
+# From the edges of the lids: where a texture has corners, crease and lashes of its own, where not.
+PAINTED_MM = 7.5, 13.0
 AROUND_MM, AROUND = 12.0, 28  # from where skin fills that in; texels over which it is evened
 LID, LID_MM = np.array([0.95, 0.88, 0.87], np.float32), 8.0  # colour, in that of this skin
 RIM_MM = 0.9  # of an edge of a lid, how wide
