@@ -29,7 +29,7 @@ LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a collar
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 LOOSE_HOLE = 1.0  # the same of skin off the face
-LID_HOLE = 1.4  # and of shut lids: what is behind them is dark
+LID_HOLE, FOLD_MM = 1.4, 6.5  # and of shut lids and the fold so near them: behind it is dark
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
@@ -60,6 +60,8 @@ def cover(
     )
     on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
+    beside = folded(head, lids, front, mean_face)
+    by_lids = head.interpolate @ np.isin(head.used, beside).astype(np.float32) > 0
     neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
@@ -71,7 +73,7 @@ def cover(
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
             for among, which, own, share in (
                 (of_kind & on_lips, on_lips, lips, HOLE),
-                (of_kind & on_lids, on_lids, lids, LID_HOLE),
+                (of_kind & by_lids, by_lids, beside, LID_HOLE),
                 (of_kind, loose, skin, LOOSE_HOLE),
             ):
                 around = head.whole.corners[np.isin(head.whole.corners, own).all(1)]
@@ -88,6 +90,16 @@ def cover(
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
     return widths, opacities
+
+
+def folded(
+    head: Surface, lids: NDArray[np.int32], front: NDArray[np.int32], mean_face: Floats
+) -> NDArray[np.int32]:
+    """Vertices of the lids and of the skin beside them."""
+    from scipy.spatial import KDTree
+
+    skin = np.intersect1d(head.used, front)
+    return skin[np.asarray(KDTree(mean_face[lids]).query(mean_face[skin])[0]) < FOLD_MM]
 
 
 def inner(

@@ -87,7 +87,7 @@ RECIPES = {
                     (0.97, 0.97, 1.01), stubble=0.6,
                    hairs=16_000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
-                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.2,
+                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.35,
                    (1.12, 1.25, 1.33), 0.9,
                    BeardStyle(3600, 7.0, 0.7), hairs=15_600, whites=WARM),
     "lena": Recipe(119, 0.5, 2.2,

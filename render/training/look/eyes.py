@@ -14,13 +14,13 @@ IRIS_DEG, PUPIL = 21.6, 0.30  # half angle; share of its radius
 # Linear colour of the iris, and near the pupil.
 COLORS = {
     "blue": ((0.17, 0.235, 0.31), (0.27, 0.25, 0.19)),
-    "brown": ((0.085, 0.040, 0.018), (0.12, 0.05, 0.02)),
+    "brown": ((0.115, 0.055, 0.024), (0.15, 0.064, 0.025)),
     "brownlight": ((0.20, 0.115, 0.045), (0.17, 0.075, 0.025)),
     "green": ((0.16, 0.20, 0.095), (0.30, 0.22, 0.10)),
     "grey": ((0.21, 0.24, 0.245), (0.27, 0.235, 0.175)),
 }
 WHITE, RED = (0.47, 0.425, 0.385), (0.14, 0.29, 0.31)  # of the eyeball; less of it at the rim
-LIMBUS = 0.86  # how much darker the outermost ring of an iris is
+LIMBUS = 0.80  # how much darker the outermost ring of an iris is
 MIDDLE = 0.28  # brightness of Reom's iris
 COLLAR = 0.235  # where its pupil ends
 RINGS = 40  # of an iris, each of which is lit evenly
