@@ -25,7 +25,7 @@ MOST_MM = np.float32(1.1)  # that it may stand out: a cornea of more pokes throu
 # Pupils point so far outward of where one looks (angle kappa: 4 to 6 degrees in adults); without it
 # faces seem cross-eyed. Of these the least: who looks ahead here then seems to look at the viewer.
 KAPPA_DEG = 4.0
-LIDS_RAD = 0.55  # of a gaze up or down that eyeLookUp and eyeLookDown follow in full
+LIDS_RAD = 0.5  # of a gaze up or down that eyeLookUp and eyeLookDown follow in full
 OVERSHOOT = 0.25  # how far beyond the limit an activation can get
 
 

@@ -39,7 +39,7 @@ def make(
     rng = np.random.default_rng(recipe.seed)
     modes = (rng.standard_normal(100) * recipe.strength).astype(np.float32)
     modes = people.leaning_to(face, modes, recipe.feminine)
-    bare = people.levelled(face.landmarks, people.relaxed(face, modes))
+    bare = people.levelled(face.landmarks, people.relaxed(face, modes, recipe.wide))
     bare = age.aged(face.neutral, face.landmarks, bare, recipe.skin.age)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     dressed = teeth.set_back(face, dressed)
