@@ -94,6 +94,6 @@ def _veins(x: Array, y: Array, away: Array) -> Floats:  # [..., 3] gain
     rng = np.random.default_rng(9)
     field = gaussian_filter(rng.standard_normal((SIZE, SIZE)), 5)
     lines = np.clip(1 - np.abs(field / field.std()) / 0.10, 0, 1)
-    share = lines * np.clip((away - 30) / 20, 0, 1) * 0.22
+    share = lines * np.clip((away - 30) / 20, 0, 1) * 0.13
     share += 0.05 * gaussian_filter(rng.standard_normal((SIZE, SIZE)), 12) * 12
     return 1 - share[..., None] * np.array([0.15, 1.0, 1.0])

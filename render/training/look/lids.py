@@ -10,7 +10,7 @@ from render.types import Floats
 # From the edges of the lids: where a texture has corners, crease and lashes of its own, where not.
 PAINTED_MM = 7.5, 13.0
 AROUND_MM, AROUND = 12.0, 28  # from where skin fills that in; texels over which it is evened
-LID, LID_MM = np.array([0.95, 0.88, 0.87], np.float32), 8.0  # colour, in that of this skin
+LID, LID_MM = np.array([0.90, 0.81, 0.80], np.float32), 9.0  # colour, in that of this skin
 RIM_MM = 0.9  # of an edge of a lid, how wide
 ROOTS = np.array([0.62, 0.56, 0.55], np.float32)  # of lashes: colour, in that of the skin
 WET = np.array([0.97, 0.86, 0.85], np.float32)
