@@ -46,7 +46,7 @@ def of_densities(
         on_eye = shares @ eye.astype(np.float32) > 0.99
         skin, eyes = (
             detail.blend(head, of, *places[0]),
-            detail.blend(head, of, *places[1], among=on_eye),
+            detail.blend(head, of, *places[1], among=on_eye, views_deg=detail.EYE_VIEWS_DEG),
         )
         out[density] = Blends(shares, skin, eyes)
     return out

@@ -20,6 +20,8 @@ from render.types import Density, Floats
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
 VIEWS_DEG = ((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12))
+# The same of eyes, which turn; straight ahead counts thrice.
+EYE_VIEWS_DEG = ((0, 0), (0, 0), (0, 0), (-28, -14), (28, 14), (-28, 14), (28, -14))
 NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
 PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
@@ -82,6 +84,7 @@ def blend(
     normals: Floats,  # [S, 3] unit
     uv: Floats,  # [S, 2]
     among: NDArray[np.bool_] | bool = True,  # [n] nothing else is seen
+    views_deg: tuple[tuple[int, int], ...] = VIEWS_DEG,
 ) -> Blend:
     """Gaussians composited front to back at every place, once for each view that it faces."""
     from scipy.spatial import KDTree
@@ -94,7 +97,7 @@ def blend(
             found.append(rows[np.asarray(near)])
     near = np.concatenate(found, 1)
     parts, seen_at = list[csr_array](), list[Floats]()
-    for yaw, pitch in np.radians(VIEWS_DEG):
+    for yaw, pitch in np.radians(views_deg):
         flat = np.cos(pitch)
         towards = np.array([np.sin(yaw) * flat, np.sin(pitch), np.cos(yaw) * flat], np.float32)
         facing = np.flatnonzero(normals @ towards > LEAST_COSINE)

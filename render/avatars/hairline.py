@@ -105,6 +105,8 @@ def cast(
 
 def paler(albedo: Floats, bald: Floats, haired: Floats) -> Floats:  # [n, 3] stored, [n], [n]
     """The albedo without the red that light gets in shade: hair's shadow is wide and soft, and
-    with all of it looks like a burn. By the light that a bald head and this one see."""
-    red = [1 + PALER * BLEED * (1 - seen[:, None]) for seen in (bald, haired)]
+    with all of it looks like a burn. By the light that a bald head and this one see; what sees more
+    in this one (whites that a look brings out) stays."""
+    seen = bald, np.minimum(bald, haired)
+    red = [1 + PALER * BLEED * (1 - share[:, None]) for share in seen]
     return (albedo * np.sqrt(red[0] / red[1])).clip(0, 1).astype(np.float32)

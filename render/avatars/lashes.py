@@ -9,8 +9,8 @@ from render.types import Floats
 
 UPPER, LOWER = (130, 6.0, 0.10, 0.72), (70, 2.8, -0.45, -0.35)  # count, mm, rise, curl
 BINS, PIECES = 24, 3
-WIDTHS_MM = (0.045, 0.034, 0.018)  # standard deviations along a lash
-COLOR = (0.020, 0.015, 0.012)
+WIDTHS_MM = (0.050, 0.037, 0.019)  # standard deviations along a lash
+COLOR = (0.010, 0.0075, 0.006)
 EDGE = 4  # vertices of the skin around a place on the edge
 SPAN_MM = 3.5  # along the edge, from a root to the places that it stands between
 

@@ -148,8 +148,9 @@ class Maker:
 
     @cached_property
     def face(self) -> NDArray[np.bool_]:
-        """[N] Gaussians on the skin of the face."""
-        on_face = np.isin(self.surface.used, self.regions["narrow_face"]).astype(np.float32)
+        """[N] Gaussians on the skin of the face, but for lids: at rest these lie in a fold."""
+        bare = np.setdiff1d(self.regions["narrow_face"], self.regions["eyelids"])
+        on_face = np.isin(self.surface.used, bare).astype(np.float32)
         on_skin = self._t["anchor_kinds"] == mesh_parts.SKIN
         return (self.surface.interpolate @ on_face > 0.99) & on_skin
 

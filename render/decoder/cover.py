@@ -7,6 +7,8 @@ an iris seen near is uneven, as if it looked elsewhere, dots cover neck and ears
 have holes.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -16,6 +18,8 @@ from render.decoder.surface import Surface, stretch
 from render.types import AHEAD, Floats
 
 NEIGHBOURS = 4
+SOME_LIDS = 8  # one in so many tells the colour of a lid
+LINING = 0.0  # cosine to the way out of an eye below which skin is on the inside of a lid
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 # Skin is the face's where so much of it is, and so far inside its rim: at the rim the layer below
@@ -25,13 +29,14 @@ LOOSE_SHARE, LOOSE_OPACITY = 0.52, 0.9  # of skin off the face
 NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a collar
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 LOOSE_HOLE = 1.0  # the same of skin off the face
+LID_HOLE, FOLD_MM = 1.4, 6.5  # and of shut lids and the fold so near them: behind it is dark
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
-RIM_DEG = (48.0, 66.0)  # from straight ahead: where an eyeball fades into the dark of its socket
+RIM_DEG = (72.0, 88.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
 def cover(
@@ -55,6 +60,8 @@ def cover(
     )
     on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
+    beside = folded(head, lids, front, mean_face)
+    by_lids = head.interpolate @ np.isin(head.used, beside).astype(np.float32) > 0
     neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
@@ -66,6 +73,7 @@ def cover(
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
             for among, which, own, share in (
                 (of_kind & on_lips, on_lips, lips, HOLE),
+                (of_kind & by_lids, by_lids, beside, LID_HOLE),
                 (of_kind, loose, skin, LOOSE_HOLE),
             ):
                 around = head.whole.corners[np.isin(head.whole.corners, own).all(1)]
@@ -82,6 +90,16 @@ def cover(
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
     return widths, opacities
+
+
+def folded(
+    head: Surface, lids: NDArray[np.int32], front: NDArray[np.int32], mean_face: Floats
+) -> NDArray[np.int32]:
+    """Vertices of the lids and of the skin beside them."""
+    from scipy.spatial import KDTree
+
+    skin = np.intersect1d(head.used, front)
+    return skin[np.asarray(KDTree(mean_face[lids]).query(mean_face[skin])[0]) < FOLD_MM]
 
 
 def inner(
@@ -113,6 +131,36 @@ def molars(
         back, front = MOLARS_MM[side]
         shown[rows[of_side]] = np.clip((forward[of_side] - back) / (front - back), 0, 1)
     return shown
+
+
+class Eye(NamedTuple):
+    """Gaussians of one eye."""
+
+    ball: NDArray[np.intp]
+    covered: NDArray[np.intp]  # these and those on the inside of the lids, which no light reaches
+    lid: NDArray[np.intp]  # some of those on the upper lid, which tell its colour
+
+
+def eyes(
+    head: Surface,
+    posing: Posing,
+    eyelids: NDArray[np.int32],  # vertices
+    mesh: Floats,  # [V, 3] mm
+) -> list[Eye]:
+    normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[Eye]()
+    points = head.interpolate @ mesh[head.used]
+
+    def on(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
+        return head.interpolate @ np.isin(head.used, vertices).astype(np.float32) > WHOLLY
+
+    for ball, slides in zip(posing.eyeballs, posing.lids, strict=True):
+        arm = points - sphere_centre(mesh[ball])
+        inside = np.einsum("nk,nk->n", arm, normals) < LINING * np.linalg.norm(arm, axis=1)
+        lid, of_ball = on(np.intersect1d(eyelids, slides)), np.flatnonzero(on(ball))
+        lining = np.flatnonzero(lid & inside)
+        seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
+        out.append(Eye(of_ball, np.concatenate([of_ball, lining]), seen))
+    return out
 
 
 def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:

@@ -15,6 +15,7 @@ from scipy.sparse import csr_array
 
 from render.decoder import highlights, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
+from render.decoder.cover import Eye
 from render.decoder.identity import Identity
 from render.decoder.identity_cache import EMPTY, IdentityCache, reflected, static_cloud
 from render.decoder.kernels import light as kernels
@@ -22,7 +23,7 @@ from render.decoder.kernels.surface import scaled
 from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
-from render.decoder.posing import Posing
+from render.decoder.posing import Posing, followed
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, TEETH, Lighting
 from render.tongue_light import TongueLight
@@ -34,7 +35,6 @@ from sensors.types import HeadPose, InputError
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
 KIND = "prior"
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
-SOME_LIDS = 8  # one in so many tells the colour of a lid
 LIP_LIGHT = np.float32(0.55)  # of that at rest, at least: rolled lips have blots in what is learned
 # Gap of the lips at which the inside of the mouth begins to be drawn, how much wider all of it is.
 MOUTH_SHUT_MM, MOUTH_OPENS_MM = 0.1, 0.4
@@ -54,6 +54,7 @@ class Decoder:
     opacities: Floats  # [N]
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
+    eyes: list[Eye]  # left one first
     interior: Ints  # [I] Gaussians inside the mouth
     scattering: Ints  # rows of the used vertices: teeth and gums
     tongue_light: TongueLight
@@ -120,8 +121,16 @@ class Decoder:
         identity: Identity,
     ) -> Floats:  # [V, 3] mm, head at rest
         """The mesh's vertices."""
-        rig = expression.astype(np.float32) @ self.coding.to_rig
-        return self.posing.pose(rig, gaze, identity.rest)
+        return self.posing.pose(self._posed(expression, gaze), gaze, identity.rest)
+
+    def _posed(self, expression: Floats, gaze: Floats) -> Floats:  # [256], [2, 3] -> [R]
+        """Rig activations, the tongue's among them, with lids that go with the eyes."""
+        return followed(expression.astype(np.float32) @ self.coding.to_rig, gaze, self.looks)
+
+    @cached_property
+    def looks(self) -> Ints:  # [2, 2]
+        names = [[f"eyeLook{way}_{side}" for way in ("Up", "Down")] for side in "LR"]
+        return np.array([[self.rig_names.index(name) for name in eye] for eye in names], np.int32)
 
     def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
         """Shares of the sky, of the key light and the rims that reach each used vertex."""
@@ -153,7 +162,7 @@ class Decoder:
 
         With `reuse` these are the last such call's arrays for this identity, overwritten.
         """
-        rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
+        rig, cache = self._posed(expression, gaze), self.cached(identity)
         vertices = self.posing.pose(rig, gaze, identity.rest)
         fixed = identity, cache, self.roughness, self.lighting
         cloud = cache.cloud if reuse else static_cloud(*fixed)
@@ -174,9 +183,9 @@ class Decoder:
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
         self.surface.place(*shown, skin, self.lighting, turned)
         self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
-        for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
-            lid = skin.colors[lids].mean(0)
-            line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)
+        for line, eye in zip(self.posing.lid_lines, self.eyes, strict=True):
+            lid = skin.colors[eye.lid].mean(0)
+            line.tint_covered(vertices, skin.means, eye.covered, lid, skin.colors, move)
         gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
         opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
         scaled(cache.opacities, self.interior, opened, opacities)
@@ -196,19 +205,6 @@ class Decoder:
         else:
             means[hair], quats[hair] = still
         return Mesh(vertices, self.faces), cloud
-
-    @cached_property
-    def eyes(self) -> tuple[list[NDArray[np.intp]], list[NDArray[np.intp]]]:
-        """Gaussians on each eyeball; some of those on the lids before it."""
-        eyelids = self.regions["eyelids"]
-        left = np.isin(eyelids, self.posing.lids[0])
-        lids = [self._on(members)[::SOME_LIDS] for members in (eyelids[left], eyelids[~left])]
-        return [self._on(members) for members in self.eyeballs], lids
-
-    def _on(self, vertices: NDArray[np.int32]) -> NDArray[np.intp]:
-        """Gaussians on triangles of these vertices alone."""
-        share = self.surface.interpolate @ np.isin(self.surface.used, vertices).astype(np.float32)
-        return np.flatnonzero(share > 0.99)
 
     def cached(self, identity: Identity) -> IdentityCache:
         """Kept for as long as the identity lives."""

@@ -12,6 +12,7 @@ CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = 6.2, 10.5, 15.95
 # Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
 HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
 HALF /= np.linalg.norm(HALF)
+ON_CORNEA = 0.42  # of that radius, how far off the middle of an iris it may be
 LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
 
 
@@ -32,7 +33,11 @@ def place(
     opacities: Floats,  # -> [2]
 ) -> None:
     pupils = np.stack([eye_rotation(gaze[eye], eye)[:, 2] for eye in range(2)])
-    means[:] = centers + sizes[:, None] * (CORNEA_MM * pupils + CORNEA_RADIUS_MM * half)
+    off = half - (pupils @ half)[:, None] * pupils
+    off *= np.minimum(1, ON_CORNEA / np.maximum(np.linalg.norm(off, axis=1), 1e-6))[:, None]
+    out = np.sqrt(1 - (off * off).sum(1))[:, None]
+    cornea = (CORNEA_MM + CORNEA_RADIUS_MM * out) * pupils + CORNEA_RADIUS_MM * off
+    means[:] = centers + sizes[:, None] * cornea
     for eye in range(2):
         clear = posing.lid_lines[eye].clearance(vertices, means[eye])
         share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)

@@ -25,6 +25,7 @@ MOST_MM = np.float32(1.1)  # that it may stand out: a cornea of more pokes throu
 # Pupils point so far outward of where one looks (angle kappa: 4 to 6 degrees in adults); without it
 # faces seem cross-eyed. Of these the least: who looks ahead here then seems to look at the viewer.
 KAPPA_DEG = 4.0
+LIDS_RAD = 0.5  # of a gaze up or down that eyeLookUp and eyeLookDown follow in full
 OVERSHOOT = 0.25  # how far beyond the limit an activation can get
 
 
@@ -149,6 +150,15 @@ def limit(rig: Floats) -> Floats:
     low, high = SOFT_LIMIT
     inside = np.minimum(np.maximum(rig, np.float32(low)), np.float32(high))
     return inside + np.float32(OVERSHOOT) * np.tanh((rig - inside) / np.float32(OVERSHOOT))
+
+
+def followed(rig: Floats, gaze: Floats, looks: Ints) -> Floats:
+    """[R], [2, 3] unit -> [R] whose lids go up and down with the eyes, at least; `looks`: the
+    columns [2, 2] of eyeLookUp and eyeLookDown of each eye."""
+    up = np.arcsin(gaze[:, 1].clip(-1, 1)) / np.float32(LIDS_RAD)
+    out = rig.copy()
+    out[looks] = np.maximum(rig[looks], np.stack([up, -up], 1).clip(0, 1))
+    return out
 
 
 def straightened(eyeball: Floats) -> Floats:  # [n, 3] mm -> [n, 3]

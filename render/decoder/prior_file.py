@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from render import wrinkles
 from render.decoder import density, surface
 from render.decoder.coding import Coding
-from render.decoder.cover import bared, cover, molars
+from render.decoder.cover import bared, cover, eyes, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
@@ -41,7 +41,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         faces=faces,
         drawn=t["drawn"],
         kinds=t["vertex_kinds"],
-        blood=regions["narrow_face"],
+        blood=np.setdiff1d(regions["narrow_face"], regions["eyelids"]),
         tongue=pose.tongue,
         triangles=t["anchor_triangles"],
         weights=t["anchor_weights"].astype(np.float32),
@@ -84,6 +84,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "opacities": opacities,
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
+        "eyes": eyes(head, pose, regions["eyelids"], template(t)),
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
         "scattering": scattering(t["teeth_rows"], head.used, regions["gums"]),
         "tongue_light": TongueLight.of(head.used, pose.tongue),

@@ -8,8 +8,8 @@ from render.decoder.posing import outward
 from render.evaluation.judge import SIZE_PX, eye_camera
 from render.types import Gaussians, Renderer
 
-NEAR = 0.10  # of the picture: the pupil is looked for this near its middle
-DARKEST = 15  # percent of the pixels there
+NEAR = 0.075  # of the picture: the pupil is looked for this near its middle, inside the iris' rim
+DARKEST = 27  # percent of the pixels there
 CORNEA_MM, DISTANCE_MM = 16.6, 900.0
 
 
@@ -17,7 +17,7 @@ def error_deg(decoder: Decoder, renderer: Renderer, who: Identity) -> float:
     """How far the pupils of someone whose pupils should point ahead are off, the worse eye."""
     worst, inward = 0.0, np.stack([outward(1), outward(0)])
     _, cloud = decoder.decode(np.zeros(256, np.float32), inward, who)
-    for eye, rows in enumerate(decoder.eyes[0]):
+    for eye, rows in enumerate(of.ball for of in decoder.eyes):
         cut = Gaussians(
             cloud.means[rows], cloud.quats[rows], cloud.scales[rows], cloud.opacities[rows],
             cloud.colors[rows],

@@ -39,7 +39,7 @@ def make(
     rng = np.random.default_rng(recipe.seed)
     modes = (rng.standard_normal(100) * recipe.strength).astype(np.float32)
     modes = people.leaning_to(face, modes, recipe.feminine)
-    bare = people.levelled(face.landmarks, people.relaxed(face, modes))
+    bare = people.levelled(face.landmarks, people.relaxed(face, modes, recipe.wide))
     bare = age.aged(face.neutral, face.landmarks, bare, recipe.skin.age)
     dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
     dressed = teeth.set_back(face, dressed)
@@ -177,13 +177,13 @@ def evened(maker: Maker, who: identity.Identity, scalp: Floats) -> Floats:  # [N
 
 
 def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
-    """The albedo without blots in the corners of the eyes and under the nose."""
-    posing, head = maker.posing, maker.surface
+    """The albedo without blots in the corners of the eyes and under the nose; edges of the lids."""
+    posing, head, mesh = maker.posing, maker.surface, who.geometry
     on_eye = np.isin(head.used, np.concatenate(posing.eyeballs)).astype(np.float32)
-    skin = head.interpolate @ on_eye < 0.01
-    edges = [who.geometry[np.concatenate([e.upper, e.lower])] for e in posing.lid_lines]
-    edges.append(who.geometry[assembly.face.landmarks[UNDER_NOSE]])
-    return lids.calmed(who.albedo, head.interpolate @ who.geometry[head.used], skin, edges)
+    skin, points = head.interpolate @ on_eye < 0.01, head.interpolate @ mesh[head.used]
+    sides = [(mesh[line.upper], mesh[line.lower]) for line in posing.lid_lines]
+    edges = [*map(np.concatenate, sides), mesh[assembly.face.landmarks[UNDER_NOSE]]]
+    return lids.rimmed(lids.calmed(who.albedo, points, skin, edges), points, skin, sides)
 
 
 def bearded(

@@ -31,6 +31,7 @@ class Recipe:
     beard: BeardStyle | None = None
     hairs: int = 22_600
     whites: tuple[float, float, float] = (1, 1, 1)  # of the eyes: gain
+    wide: float = 0.0  # how far the lids are apart at rest, of eyeWide
 
 
 BLACK, BROWN, DARK = (0.12, 0.10, 0.09), (0.34, 0.21, 0.13), (0.20, 0.14, 0.10)
@@ -54,7 +55,7 @@ RECIPES = {
                   (1.0, 0.995, 1.055)),
     "ben": Recipe(11, 0.65, -1.6, ("young_lightskinned_male2", "young_lightskinned_male2", 0.0),
                   "brownlight", "short04", DARK, NAVY, Skin(0.8, 0.0, -0.2), FULL, 0.9,
-                  (0.985, 0.995, 1.065), stubble=0.30),
+                  (0.985, 0.995, 1.065), stubble=0.30, wide=0.2),
     "chen": Recipe(31, 0.6, -0.9, ("young_lightskinned_male3", "middleage_lightskinned_male", 0.4),
                    "brown", "short02", BLACK, CHALK, Skin(0.7, 0.0, 0.2, age=0.2),
                    Brows(600, 1.1), 0.8, (0.98, 0.995, 1.075)),
@@ -67,7 +68,7 @@ RECIPES = {
                    tone=(0.98, 1.0, 1.09)),
     "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
                    "brown", "afro01", (0.13, 0.10, 0.085), CHALK,
-                   Skin(0.3, 0.0, 0.2, melanin=1.0, age=0.1), SOFT, 1.2, (1.08, 1.325, 1.47),
+                   Skin(0.3, 0.0, 0.2, melanin=1.0, age=0.1), SOFT, 1.4, (1.08, 1.325, 1.47),
                    whites=WARM),
     "greta": Recipe(75, 0.6, 1.2,
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
@@ -76,7 +77,7 @@ RECIPES = {
     "hugo": Recipe(86, 0.7, -1.9, ("middleage_lightskinned_male", "old_lightskinned_male2", 0.35),
                    "grey", BALD, DARK, MOSS, Skin(0.8, 0.0, -0.3, age=0.65), FULL, 0.8,
                    (0.965, 1.01, 1.13), 0.9,
-                   BeardStyle(5600, 11.0)),
+                   BeardStyle(5600, 11.0), wide=0.5),
     "ines": Recipe(97, 0.45, 1.7,
                     ("young_lightskinned_female2", "young_lightskinned_female3", 0.6),
                    "blue", "ponytail01", RED, SAND, Skin(1.2, 0.9, 0.5), FINE, 1.1,
@@ -87,7 +88,7 @@ RECIPES = {
                     (0.97, 0.97, 1.01), stubble=0.6,
                    hairs=16_000),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
-                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.0,
+                   "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.35,
                    (1.12, 1.25, 1.33), 0.9,
                    BeardStyle(3600, 7.0, 0.7), hairs=15_600, whites=WARM),
     "lena": Recipe(119, 0.5, 2.2,

@@ -91,10 +91,10 @@ def leaning_to(face: FaceData, modes: Floats, feminine: float) -> Floats:  # [10
     return (modes + (feminine - modes @ face.feminine) * face.feminine).astype(np.float32)
 
 
-def relaxed(face: FaceData, modes: Floats) -> Floats:  # [100] -> [V, 3] mm
-    """Somebody's face at rest."""
+def relaxed(face: FaceData, modes: Floats, wide: float = 0.0) -> Floats:  # [100] -> [V, 3] mm
+    """Somebody's face at rest; `wide`: how far the lids are apart, of eyeWide."""
     rig = np.zeros(len(face.rig_names), np.float32)
-    expressions.set_named(rig, face.rig_names, RELAXED)
+    expressions.set_named(rig, face.rig_names, {**RELAXED, "eyeWide": wide})
     return geometry(face, modes) + np.tensordot(rig, face.rig, 1)
 
 

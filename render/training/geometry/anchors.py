@@ -140,7 +140,7 @@ def surface(assembly: Assembly, anchors: Anchors) -> Surface:
         faces=face.faces,
         drawn=np.flatnonzero(assembly.kinds >= 0).astype(np.int32),
         kinds=assembly.vertex_kinds,
-        blood=face.regions["narrow_face"],
+        blood=np.setdiff1d(face.regions["narrow_face"], face.regions["eyelids"]),
         tongue=assembly.posing.tongue,
         triangles=anchors.triangles,
         weights=anchors.barycentric,

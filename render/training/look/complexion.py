@@ -32,7 +32,7 @@ def deep(skin: Floats, melanin: float, places: Places, relief: Relief) -> Floats
     and around the mouth; the lips of two colours. `melanin`: 0 even .. 1."""
     spot = places.spot
     lips = soft(places.lips, 1.5)
-    dark = 0.26 * spot(32, 32, 19, 12) + 0.14 * spot(62, 52, 20, 32) + 0.16 * spot(0, -36, 34, 15)
+    dark = 0.16 * spot(32, 32, 19, 12) + 0.14 * spot(62, 52, 20, 32) + 0.16 * spot(0, -36, 34, 15)
     dark += 0.10 * spot(0, 92, 60, 16) + 0.10 * spot(0, -84, 60, 14)
     dark -= 0.24 * spot(38, 4, 19, 16) + 0.12 * spot(0, 18, 9, 20) + 0.14 * spot(0, 66, 26, 14)
     dark -= 0.10 * spot(0, -62, 14, 9)

@@ -14,12 +14,13 @@ IRIS_DEG, PUPIL = 21.6, 0.30  # half angle; share of its radius
 # Linear colour of the iris, and near the pupil.
 COLORS = {
     "blue": ((0.17, 0.235, 0.31), (0.27, 0.25, 0.19)),
-    "brown": ((0.085, 0.040, 0.018), (0.12, 0.05, 0.02)),
+    "brown": ((0.115, 0.055, 0.024), (0.15, 0.064, 0.025)),
     "brownlight": ((0.20, 0.115, 0.045), (0.17, 0.075, 0.025)),
     "green": ((0.16, 0.20, 0.095), (0.30, 0.22, 0.10)),
     "grey": ((0.21, 0.24, 0.245), (0.27, 0.235, 0.175)),
 }
-WHITE, RED = (0.47, 0.425, 0.385), (0.12, 0.34, 0.36)  # of the eyeball; less of it at the rim
+WHITE, RED = (0.47, 0.425, 0.385), (0.14, 0.29, 0.31)  # of the eyeball; less of it at the rim
+LIMBUS = 0.80  # how much darker the outermost ring of an iris is
 MIDDLE = 0.28  # brightness of Reom's iris
 COLLAR = 0.235  # where its pupil ends
 RINGS = 40  # of an iris, each of which is lit evenly
@@ -34,12 +35,12 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
     outside, inside = (np.array(c, np.float32) for c in COLORS[name])
     collar = 0.75 * np.clip(1 - inner / 0.45, 0, 1)[..., None]
     iris = (outside * (1 - collar) + inside * collar) * fibres[..., None]
-    iris = iris * (1 - 0.80 * np.clip((radius - 0.80) / 0.22, 0, 1) ** 1.3)[..., None]
+    iris = iris * (1 - LIMBUS * np.clip((radius - 0.74) / 0.20, 0, 1) ** 1.5)[..., None]
     pupil = np.clip((radius - PUPIL) / 0.035, 0, 1)[..., None]
     iris = iris * pupil + (1 - pupil) * 0.004
     rim = np.clip((away - 30) / 45, 0, 1)[..., None]
     white = np.array(WHITE) * (1 - rim * np.array(RED)) * _veins(x, y, away)
-    edge = np.clip((1.035 - radius) / 0.13, 0, 1)
+    edge = np.clip((1.055 - radius) / 0.10, 0, 1)
     edge = (edge * edge * (3 - 2 * edge))[..., None]
     return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
 
@@ -93,6 +94,6 @@ def _veins(x: Array, y: Array, away: Array) -> Floats:  # [..., 3] gain
     rng = np.random.default_rng(9)
     field = gaussian_filter(rng.standard_normal((SIZE, SIZE)), 5)
     lines = np.clip(1 - np.abs(field / field.std()) / 0.10, 0, 1)
-    share = lines * np.clip((away - 30) / 20, 0, 1) * 0.22
+    share = lines * np.clip((away - 30) / 20, 0, 1) * 0.13
     share += 0.05 * gaussian_filter(rng.standard_normal((SIZE, SIZE)), 12) * 12
     return 1 - share[..., None] * np.array([0.15, 1.0, 1.0])

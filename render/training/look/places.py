@@ -9,8 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import gaussian_filter
+from scipy.spatial import KDTree
 
 from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.training.geometry import contact_lines
 from render.types import Floats
 
 SIZE = 1024
@@ -33,6 +35,7 @@ class Places:
     brows: Floats
     face: Floats
     roll: Floats  # the inner side of the lips
+    off_eyes: Floats  # [SIZE, SIZE] mm from the edges of the lids
 
     @property
     def across(self) -> Floats:
@@ -80,7 +83,11 @@ def build(face: FaceData) -> Places:
     maps = LinearNDInterpolator(at, np.concatenate(values, 1))(u, v)
     maps = np.nan_to_num(maps).astype(np.float32)
     masks = {name: maps[..., 3 + k] for k, name in enumerate(REGIONS)}
-    return Places(points=maps[..., :3], **masks)
+    points = maps[..., :3]
+    edges = [contact_lines.lid(face, side) for side in "lr"]
+    tree = KDTree(face.neutral[np.concatenate([v for e in edges for v in (e.upper, e.lower)])])
+    off_eyes = np.asarray(tree.query(points)[0], np.float32)
+    return Places(points=points, off_eyes=off_eyes, **masks)
 
 
 def soft(values: NDArray[np.floating], sigma: float) -> Floats:  # [H, W] or [H, W, C], texels

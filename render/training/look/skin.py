@@ -9,7 +9,7 @@ from scipy.ndimage import map_coordinates
 from render.lighting import LUMINANCE
 from render.training.data.face_data import FaceData
 from render.training.data.people import Skin
-from render.training.look import complexion
+from render.training.look import complexion, lids
 from render.training.look.places import SIZE, Places, soft
 from render.training.look.relief import Relief, noise
 from render.types import Floats
@@ -21,6 +21,7 @@ EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
 RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
 CORNER, CORNER_COLOR = 0.9, np.array([0.93, 0.83, 0.81], np.float32)  # of the mouth, in its skin's
 DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
+CORNER_MM = 15.0  # from the edges of the lids: there the detail of another face has its own eyes
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -55,7 +56,7 @@ def cleaned(face: FaceData, name: str, places: Places) -> Floats:  # [SIZE, 2 SI
     light = tone @ LUMINANCE
     blotch = soft(light, 0.6) / np.clip(soft(light, 3.5), 0.01, None)
     tone /= np.clip(blotch, 0.6, 1.6)[..., None] ** 0.35
-    return np.concatenate([tone, atlas[:, SIZE:]], 1)
+    return np.concatenate([lids.plain(tone, places), atlas[:, SIZE:]], 1)
 
 
 def shaven(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
@@ -143,8 +144,9 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
 
 
 def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
-    """Where skin is neither lip nor lid."""
+    """Where skin is neither lip nor lid, nor in a corner of an eye."""
     off = np.clip(1.3 * places.lips + 1.2 * places.lids + places.roll, 0, 1)
+    off = np.maximum(off, np.clip((CORNER_MM - places.off_eyes) / 4, 0, 1))
     return np.clip(1 - 1.2 * soft(off, 2.5), 0, 1)
 
 

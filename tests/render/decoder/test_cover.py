@@ -14,7 +14,7 @@ from render.decoder import lines as contact
 from render.decoder.cover import bared, spacing
 from render.decoder.decoder import Decoder
 from render.decoder.learned import weights_file
-from render.types import Camera, Gaussians
+from render.types import AHEAD, Camera, Gaussians
 
 SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
 
@@ -58,15 +58,17 @@ def test_what_a_lid_covers_takes_its_colour(decoder):
     """A fifth of the eye shines through a shut lid: as skin."""
     who = identity.load("kofi")
     shut, opened = (sheet.posed(decoder, who, pose).colors for pose in ("blink", "neutral"))
-    skin = np.isin(decoder.surface.used, decoder.regions["eyelids"]).astype(np.float32)
-    lids = shut[: len(decoder.opacities)][decoder.surface.interpolate @ skin > 0.99]
-    for eyeball, line in zip(decoder.eyeballs, decoder.posing.lid_lines, strict=True):
-        members = np.isin(decoder.surface.used, eyeball).astype(np.float32)
-        eye = np.flatnonzero(decoder.surface.interpolate @ members > 0.99)
+    for of, line in zip(decoder.eyes, decoder.posing.lid_lines, strict=True):
+        eye, lid = of.ball, shut[of.lid].mean(0)
         places = (decoder.surface.interpolate @ who.geometry[decoder.surface.used])[eye]
         shows = eye[line.between_sides(who.geometry, places) & (places[:, 2] > places[:, 2].mean())]
         assert np.ptp(opened[shows].mean(1)) > 0.4 and len(shows) > 200  # pupil and white
-        assert np.median(np.abs(shut[shows] - lids.mean(0))) < 0.03
+        assert np.median(np.abs(shut[shows] - lid)) < 0.03
+        lining = np.setdiff1d(of.covered, of.ball)  # red before: black, and seen through the lid
+        mesh, cloud = decoder.decode(sheet.code(decoder, sheet.BLINK), AHEAD, who)
+        clear = [line.clearance(mesh.vertices, point) for point in cloud.means[lining]]
+        deep = lining[np.array(clear) < -3]
+        assert len(deep) > 20 and np.median(np.abs(shut[deep] - lid)) < 0.03
 
 
 @pytest.mark.parametrize("yaw, pitch", [(0, 0), (-60, 0), (35, 0), (0, 20), (0, -20)])

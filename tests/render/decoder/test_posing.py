@@ -9,7 +9,7 @@ from render.avatars.sheet import gaze
 from render.decoder import identity, posing
 from render.decoder.decoder import Decoder
 from render.decoder.highlights import OPACITY as HIGHLIGHT_OPACITY
-from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
+from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, followed, limit
 from render.evaluation.metrics import LipCrossing
 from render.types import AHEAD
 
@@ -77,7 +77,7 @@ def test_lips_that_press_do_not_cross_away_from_their_line(decoder, activations)
 
 def test_a_lid_shades_the_eye_below_it(decoder):
     who = identity.load("ben")
-    line, eye = decoder.posing.lid_lines[0], decoder.eyes[0][0]
+    line, eye = decoder.posing.lid_lines[0], decoder.eyes[0].ball
     vertices = decoder.posing.pose(rig_of(decoder), AHEAD, who.rest)
     means = decoder.decode(np.zeros(256, np.float32), AHEAD, who)[1].means
     points, white = means[eye], np.ones((int(eye.max()) + 1, 3), np.float32)
@@ -127,7 +127,7 @@ def test_the_highlight_lies_on_the_eye_and_not_in_it(decoder, name):
     who = identity.load(name)
     for direction in (AHEAD, gaze(20, 0), gaze(-15, -8)):
         _, cloud = decoder.decode(np.zeros(256, np.float32), direction, who)
-        for eye, rows in enumerate(decoder.eyes[0]):
+        for eye, rows in enumerate(of.ball for of in decoder.eyes):
             spot, ball = cloud.means[len(decoder.opacities) + eye], cloud.means[rows]
             around = np.hypot(*(ball - spot)[:, :2].T) < 1.5
             assert 0 < spot[2] - ball[around, 2].max() < 1.5
@@ -140,6 +140,22 @@ def test_the_highlight_stays_on_the_cornea(decoder):
         spots = cloud.means[len(decoder.opacities) : len(decoder.opacities) + 2]
         distance = np.linalg.norm(spots - who.eye_centers, axis=1)
         assert (abs(distance - 16.5) < 1.6).all()
+    for direction in (gaze(-25, -15), gaze(25, 15)):  # red before: on the white, beside the iris
+        _, cloud = decoder.decode(np.zeros(256, np.float32), direction, who)
+        spots = cloud.means[len(decoder.opacities) : len(decoder.opacities) + 2]
+        for eye, arm in enumerate(spots - who.eye_centers):
+            off = posing.eye_rotation(direction[eye], eye)[:, 2] @ arm / np.linalg.norm(arm)
+            assert np.degrees(np.arccos(off)) < 21.6  # half the angle of an iris
+
+
+def test_lids_go_with_the_eyes(decoder):
+    looks, still = decoder.looks, np.zeros(len(decoder.posing.full_blink()), np.float32)
+    up, down = (followed(still, gaze(20, pitch), looks)[looks] for pitch in (15, -15))
+    assert (up[:, 0] > 0.3).all() and (down[:, 1] > 0.3).all()
+    assert (up[:, 1] == 0).all() and (down[:, 0] == 0).all()
+    given = rig_of(decoder, eyeLookDown_L=0.8, eyeLookDown_R=0.8)
+    assert (followed(given, gaze(0, -10), looks)[looks][:, 1] == np.float32(0.8)).all()
+    np.testing.assert_array_equal(followed(given, AHEAD, looks), given)
     assert posing.gaze_rotation(AHEAD[0]).shape == (3, 3)
 
 

@@ -1,10 +1,15 @@
 """How people are made to look: skin beside hair, around eyes."""
 
+from pathlib import Path
+from types import SimpleNamespace
+
 import numpy as np
+import pytest
 
 from render.avatars import hairline
 from render.lighting import LUMINANCE, TOWARDS
-from render.training.look import clothes, lids, skin
+from render.training.data.face_data import EYE_PICTURE_DEG
+from render.training.look import clothes, eyes, lids, skin
 from render.training.look.places import Places, soft
 
 SKIN = np.array([0.7, 0.5, 0.4], np.float32)
@@ -52,6 +57,42 @@ def test_corners_of_the_eyes_have_the_hue_of_the_skin_and_stay_as_bright() -> No
     np.testing.assert_allclose(out[~changed], albedo[~changed], rtol=1e-5)
 
 
+def test_lids_are_smooth_skin_without_what_was_painted_on_them() -> None:
+    places = around_a_mouth()
+    crust = np.random.default_rng(0).uniform(0.3, 1, places.up.shape)[..., None]
+    near = places.off_eyes < lids.AROUND_MM
+    painted = (SKIN * np.where(near[..., None], crust, 1)).astype(np.float32)
+    out = lids.plain(painted, places)
+    on = places.off_eyes < 1
+    np.testing.assert_allclose(out[on], SKIN * lids.LID * np.ones((int(on.sum()), 1)), rtol=0.05)
+    assert (out[places.off_eyes > lids.PAINTED_MM[1]] == painted[~near][0]).all()
+
+
+def test_a_lower_lid_has_a_wet_edge_and_an_upper_one_dark_roots() -> None:
+    points = np.array([[0, 6, 0], [0, 4, 0], [0, 0, 0], [0, 0, 0]], np.float32)
+    is_skin = np.array([True, True, True, False])
+    sides = [(points[:1], points[2:3])]
+    albedo = np.tile(SKIN, (4, 1))
+    upper, between, lower, eyeball = lids.rimmed(albedo, points, is_skin, sides)
+    np.testing.assert_allclose(upper, SKIN * lids.ROOTS, rtol=1e-5)
+    np.testing.assert_allclose(lower, SKIN * lids.WET, rtol=1e-5)
+    np.testing.assert_allclose(between, SKIN, rtol=0.01)
+    np.testing.assert_array_equal(eyeball, SKIN)
+
+
+@pytest.mark.parametrize("name", eyes.COLORS)
+def test_an_iris_has_a_black_pupil_and_a_dark_rim(tmp_path: Path, name: str) -> None:
+    picture = eyes.picture(SimpleNamespace(folder=tmp_path), name)  # pyright: ignore[reportArgumentType] (all that is read)
+    away = np.hypot(*(np.indices((eyes.SIZE, eyes.SIZE)) - eyes.SIZE / 2 + 0.5))
+    radius = away / (0.499 * eyes.SIZE) * EYE_PICTURE_DEG / eyes.IRIS_DEG
+    light = picture**2 @ LUMINANCE
+    pupil, iris, rim, white = (
+        light[(radius > a) & (radius < b)].mean()
+        for a, b in ((0, 0.25), (0.45, 0.7), (0.90, 0.96), (1.1, 1.6))
+    )
+    assert pupil < 0.15 * iris and rim < 0.4 * iris and rim < 0.15 * white
+
+
 def test_strands_cast_a_soft_shadow_and_not_on_skin_they_lie_on() -> None:
     grid = np.stack(np.meshgrid(np.arange(-15, 15, 1.0), np.arange(-15, 15, 1.0)), -1)
     towards = TOWARDS[0]
@@ -71,6 +112,8 @@ def test_the_shade_of_hair_is_less_red() -> None:
     )
     np.testing.assert_allclose(made[0], 0.6, rtol=1e-6)
     assert made[1, 0] < 0.56 and made[1, 2] > 0.6
+    brought_out = hairline.paler(albedo[:1], np.zeros(1, np.float32), np.ones(1, np.float32))
+    np.testing.assert_allclose(brought_out, 0.6, rtol=1e-6)  # whites of eyes stay white
 
 
 def test_a_collar_shades_the_skin_above_it_and_not_the_cloth() -> None:
@@ -90,6 +133,7 @@ def around_a_mouth() -> Places:  # [H, W]
         lips=(at < 1).astype(np.float32),
         face=np.ones(x.shape, np.float32),
         roll=(at < 0.5).astype(np.float32),
+        off_eyes=np.hypot(np.abs(x) - 20, y + 34).astype(np.float32),
         **maps,
     )
 
@@ -134,7 +178,7 @@ def test_painted_brows_leave_no_shadow_below() -> None:
     none = np.zeros(x.shape, np.float32)
     points = np.stack([x, y, 0 * x + 90], -1).astype(np.float32)
     brows = ((y > 37) & (np.abs(x) > 8)).astype(np.float32)
-    places = Places(points, none, eye.astype(np.float32), brows, none + 1, none)
+    places = Places(points, none, eye.astype(np.float32), brows, none + 1, none, none + 20)
     tone = np.tile(SKIN, (*x.shape, 1))
     tone[eye] *= 0.5
     tone[

@@ -80,7 +80,7 @@ def places_and_relief() -> tuple[Places, Relief]:
     none = np.zeros_like(X)
     points = np.stack([X, Y, np.full_like(X, 100)], -1)
     return (
-        Places(points=points, lips=LIPS, lids=none, brows=none, face=none + 1, roll=none),
+        Places(points, LIPS, lids=none, brows=none, face=none + 1, roll=none, off_eyes=none + 20),
         Relief(*[none] * 7),
     )
 
