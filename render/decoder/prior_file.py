@@ -11,7 +11,7 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from render import wrinkles
 from render.decoder import density, surface
 from render.decoder.coding import Coding
-from render.decoder.cover import bared, cover, molars
+from render.decoder.cover import bared, cover, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
@@ -58,14 +58,19 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
             head, template(t), kinds, opacities, *groups, gaussians
         )
         head = replace(head.take(rows), scales=widths)
+    deep = density.thick(head, template(t), kinds[rows], face, edges)
     widths, opacities = cover(
-        head, opacities, kinds[rows], regions["eyelids"], lips, face, pose, template(t)
+        head, opacities, kinds[rows], regions["eyelids"], lips, face, deep, pose, template(t)
     )
     lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
+    flesh = np.isin(head.used, np.concatenate([regions["gums"], pose.tongue]))
+    flesh[t["teeth_rows"]] = True
+    front = np.isin(head.used, np.setdiff1d(face, edges))
+    inside = t["anchor_inside"][rows] > 0
+    opacities = opacities * lining(head, inside, flesh, front, pose, template(t))
     head = replace(head, scales=widths)
     if gaussians:
-        deep = density.thick(head, template(t), kinds[rows], face, edges)
         scales = np.where(deep, density.NARROWER[gaussians], 1) * head.scales
         head = replace(head, scales=scales.astype(np.float32))
         layers = density.layered(head, template(t), deep, shares, opacities)
