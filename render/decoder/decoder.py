@@ -24,7 +24,7 @@ from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
-from render.lighting import LIGHTINGS, TEETH, Lighting
+from render.lighting import LIGHTINGS, SHEEN, Lighting
 from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
@@ -164,7 +164,7 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        kernels.scatter(self.scattering, TEETH, visibility)
+        kernels.scatter(self.scattering, visibility)
         self.tongue_light.fill(vertices, identity.geometry, visibility)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
@@ -229,7 +229,7 @@ class Decoder:
                 rest=self.surface.at_rest(identity.geometry),
                 reflected=reflected(identity, self.shares, self.density),
                 gloss=gloss,
-                rims=gloss[:, None] * rims,
+                rims=SHEEN * gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
                 strands=hair.lit(self.lighting),
                 beard=identity.beard.lit(identity.geometry, self.lighting),

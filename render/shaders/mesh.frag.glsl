@@ -18,7 +18,7 @@ uniform vec3 towards[4], lamps[4];  // key, fill, rims left and right
 uniform float half_widths[4];
 uniform vec3 sky, ground, wrap, bleed, bounce;
 uniform float film[5];
-uniform vec3 teeth;  // see lighting.TEETH
+uniform float sheen;  // see lighting.SHEEN
 uniform bool mirrors;  // else matte
 const int STATIONS = 24;
 uniform vec3 lids[2 * STATIONS];  // left eye first: x, heights of the upper and the lower edge, mm
@@ -34,8 +34,7 @@ const float BOX_EDGE = 0.05, BOX_LIGHT = 40.0;  // in an eye
 const vec2 BOX = vec2(0.14, 0.18);
 
 vec4 scattered(vec4 seen) {  // of sky and key light, on teeth
-    vec4 through = seen * (seen * (teeth.x * seen + teeth.y) + teeth.z);
-    return vec4(max(seen, through).xy, seen.zw);
+    return vec4(sqrt(seen.xy), seen.zw);
 }
 
 vec3 bled(float share) { return share * (1.0 + bleed * (1.0 - share)); }
@@ -123,7 +122,8 @@ void main() {
             float soft = SPREAD * half_widths[k];
             float wide = mirrored(micro, v, towards[k], min(surface.y + soft, 1.0), f0);
             float tight = mirrored(micro, v, towards[k], 0.55 * surface.y + soft, f0);
-            linear += (0.7 * wide + 0.3 * tight) * surface.x * shares[k] * lamps[k];
+            float share = k < 2 ? shares[k] : sheen * shares[k];
+            linear += (0.7 * wide + 0.3 * tight) * surface.x * share * lamps[k];
         }
     }
     vec3 stored = film_of(linear);

@@ -59,7 +59,7 @@ def make(
     albedo = calmed(assembly, maker, who)
     albedo = wrinkles.at_rest(albedo, maker.wrinkles, recipe.skin.age)
     who = replace(who, wrinkles=wrinkles.depth(recipe.skin.age))
-    albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
+    albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     standing = [
         lashes.grow(maker.posing, who.rest, recipe.lashes),
