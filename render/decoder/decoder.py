@@ -24,7 +24,8 @@ from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
-from render.lighting import LIGHTINGS, SHEEN, Lighting
+from render.lighting import LIGHTINGS, SHEEN, TEETH, Lighting
+from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
@@ -56,6 +57,7 @@ class Decoder:
     lighting: Lighting
     interior: Ints  # [I] Gaussians inside the mouth
     scattering: Ints  # rows of the used vertices: teeth and gums
+    teeth_light: TeethLight
     tongue_light: TongueLight
     wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
@@ -164,7 +166,9 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        kernels.scatter(self.scattering, visibility)
+        kernels.scatter(self.scattering, TEETH, visibility)
+        gap = self.posing.mouth.gaps(vertices).max()
+        self.teeth_light.fill(visibility, gap)
         self.tongue_light.fill(vertices, identity.geometry, visibility)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
@@ -177,7 +181,7 @@ class Decoder:
         for line, eye, lids in zip(self.posing.lid_lines, *self.eyes, strict=True):
             lid = skin.colors[lids].mean(0)
             line.tint_covered(vertices, skin.means, eye, lid, skin.colors, move)
-        gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
+        gap -= MOUTH_SHUT_MM
         opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
         scaled(cache.opacities, self.interior, opened, opacities)
         spots = slice(count, count + 2)

@@ -16,10 +16,12 @@ from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
+from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import Density, Ints
 
 KIND = "prior"
+LIPS_MM = 18.0  # from their middle: farther out the lining of the mouth keeps its corners dark
 Tensors = dict[str, NDArray[Any]]
 
 
@@ -66,7 +68,9 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
     flesh = np.isin(head.used, np.concatenate([regions["gums"], pose.tongue]))
     flesh[t["teeth_rows"]] = True
-    front = np.isin(head.used, np.setdiff1d(face, edges))
+    upper = regions["lips_upper"]
+    upper = upper[np.abs(template(t)[upper, 0]) < LIPS_MM]
+    front = np.isin(head.used, np.union1d(np.setdiff1d(face, edges), upper))
     inside = t["anchor_inside"][rows] > 0
     opacities = opacities * lining(head, inside, flesh, front, pose, template(t))
     head = replace(head, scales=widths)
@@ -91,6 +95,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "shares": shares,
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
         "scattering": scattering(t["teeth_rows"], head.used, regions["gums"]),
+        "teeth_light": TeethLight.of(t["teeth_rows"], template(t)[head.used], lips_mm),
         "tongue_light": TongueLight.of(head.used, pose.tongue),
         "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,

@@ -18,6 +18,7 @@ uniform vec3 towards[4], lamps[4];  // key, fill, rims left and right
 uniform float half_widths[4];
 uniform vec3 sky, ground, wrap, bleed, bounce;
 uniform float film[5];
+uniform vec3 teeth;  // see lighting.TEETH
 uniform float sheen;  // see lighting.SHEEN
 uniform bool mirrors;  // else matte
 const int STATIONS = 24;
@@ -34,7 +35,8 @@ const float BOX_EDGE = 0.05, BOX_LIGHT = 40.0;  // in an eye
 const vec2 BOX = vec2(0.14, 0.18);
 
 vec4 scattered(vec4 seen) {  // of sky and key light, on teeth
-    return vec4(sqrt(seen.xy), seen.zw);
+    vec4 through = seen * (seen * (teeth.x * seen + teeth.y) + teeth.z);
+    return vec4(max(seen, through).xy, seen.zw);
 }
 
 vec3 bled(float share) { return share * (1.0 + bleed * (1.0 - share)); }

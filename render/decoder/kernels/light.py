@@ -149,10 +149,13 @@ def read_light(
 @loop
 def scatter(
     rows: Ints,  # [n] vertices of teeth and gums
+    fit: Floats,  # [3] lighting.TEETH
     seen: Floats,  # [2 and more, U] shares of light; the first two of these rows changed in place
 ) -> None:
     """What `lighting.scattered` says, in place."""
+    a, b, c = fit[0], fit[1], fit[2]
     for k in range(2):
         for row in rows:
             u = np.uintp(row)
-            seen[k, u] = np.sqrt(seen[k, u])
+            share = seen[k, u]
+            seen[k, u] = max(share, share * (share * (a * share + b) + c))
