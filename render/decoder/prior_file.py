@@ -18,7 +18,7 @@ from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
 from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
-from render.types import Density, Ints
+from render.types import Density
 
 KIND = "prior"
 LIPS_MM = 18.0  # from their middle: farther out the lining of the mouth keeps its corners dark
@@ -68,9 +68,8 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
     flesh = np.isin(head.used, np.concatenate([regions["gums"], pose.tongue]))
     flesh[t["teeth_rows"]] = True
-    upper = regions["lips_upper"]
-    upper = upper[np.abs(template(t)[upper, 0]) < LIPS_MM]
-    front = np.isin(head.used, np.union1d(np.setdiff1d(face, edges), upper))
+    middle = lips[np.abs(template(t)[lips, 0]) < LIPS_MM]
+    front = np.isin(head.used, np.union1d(np.setdiff1d(face, edges), middle))
     inside = t["anchor_inside"][rows] > 0
     opacities = opacities * lining(head, inside, flesh, front, pose, template(t))
     head = replace(head, scales=widths)
@@ -94,18 +93,14 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
-        "scattering": scattering(t["teeth_rows"], head.used, regions["gums"]),
-        "teeth_light": TeethLight.of(t["teeth_rows"], template(t)[head.used], lips_mm),
+        "teeth_light": TeethLight.of(
+            t["teeth_rows"], np.isin(head.used, regions["gums"]), template(t)[head.used], lips_mm
+        ),
         "tongue_light": TongueLight.of(head.used, pose.tongue),
         "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,
         "regions": regions,
     }
-
-
-def scattering(teeth: Ints, used: Ints, gums: Ints) -> Ints:
-    """Rows of the used vertices that light each other: teeth [n], and vertices of gums."""
-    return np.union1d(teeth, np.flatnonzero(np.isin(used, gums))).astype(np.int32)
 
 
 def folds(

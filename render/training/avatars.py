@@ -120,7 +120,7 @@ def haired(
     albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)
     matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
     whole = mass.lined(grown, skin) if recipe.style in SWEPT else grown
-    before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
+    before, after = (head.interpolate @ seen.mean(1) for seen in (bald, visible.T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
         who,

@@ -107,12 +107,12 @@ def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n, 2] -> [n,
 
 def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
     """Pores and mottling of a fitted skin, without its tone."""
-    on = _bare(places)
+    on = _bare(places) * (1 - places.spot(0, -20, 9, 5))  # there is a mark of theirs
     on = (on * soft((places.up > -70).astype(np.float32), 10))[..., None]
     fine = skin / np.clip(soft(skin, 4.5), 0.01, None)
     light = skin @ LUMINANCE  # mottling in hues looks like stains
     band = (soft(light, 2.5) / np.clip(soft(light, 18), 0.01, None))[..., None]
-    gain = 1 + 1.3 * on * (np.clip(fine, 0.75, 1.25) - 1)
+    gain = 1 + 1.3 * on * (np.clip(fine, 0.75, 1.1) - 1)
     return (gain * (1 + 0.55 * on * (np.clip(band, 0.85, 1.15) - 1))).astype(np.float32)
 
 

@@ -8,7 +8,7 @@ from render.decoder import identity, mesh_parts
 from render.decoder.decoder import Decoder
 from render.decoder.kernels import surface as kernels
 from render.decoder.surface import FLATNESS, STRETCH, normals_of
-from render.lighting import SHEEN, STUDIO, developed, scattered
+from render.lighting import SHEEN, STUDIO, developed
 from render.types import AHEAD
 
 
@@ -95,8 +95,9 @@ def test_colours_are_albedo_under_light(decoder, talking):
     who, code, vertices, cloud = talking
     surface = decoder.surface
     seen = decoder.visibility(code, who)
-    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
-    decoder.tongue_light.fill(vertices, who.geometry, seen)
+    gap = decoder.posing.mouth.gaps(vertices).max()
+    decoder.teeth_light.fill(seen, gap)
+    decoder.tongue_light.fill(vertices, who.geometry, seen, gap)
     normals = np.empty((len(surface.used), 3), np.float32)
     static = np.setdiff1d(np.arange(len(surface.used)), surface.live)
     normals[static] = surface.whole.normals(who.geometry)[0][static]
