@@ -17,9 +17,7 @@ from render.types import Floats
 WRAP = np.array([0.24, 0.12, 0.08], np.float32)  # how far red, green, blue reach into the shade
 BLEED = np.array([0.45, -0.04, -0.12], np.float32)  # more of them where half the light is seen
 BOUNCE = np.array([0.12, 0.075, 0.065], np.float32)  # of the sky, seen even inside a mouth
-# How light that teeth scatter and pass on to each other fills the shade of lips, by the share that
-# is seen straight: v (v (a v + b) + c), the fit of Jimenez et al. 2016 for an albedo of 0.8.
-TEETH = np.array([1.2999, -3.1944, 2.8945], np.float32)
+SHEEN = np.float32(0.35)  # share of the rims' light that skin mirrors: down catches what is so flat
 EXPOSURE = 0.85
 LUMINANCE = np.array([0.3, 0.59, 0.11], np.float32)  # how bright red, green, blue are seen
 # x (a x + b) / (x (c x + d) + e): Narkowicz's fit of the ACES curve, at that exposure
@@ -92,12 +90,6 @@ class Lighting:
         shares = seen[:, :, None] * (1 + BLEED * (1 - seen[:, :, None]))
         shares[:, 0] = BOUNCE + (1 - BOUNCE) * shares[:, 0]
         return (parts * shares).sum(1).astype(np.float32)
-
-
-def scattered(seen: Floats) -> Floats:
-    """Shares of light on teeth that are seen straight -> that reach them (GLSL: the shader)."""
-    a, b, c = TEETH
-    return np.maximum(seen, seen * (seen * (a * seen + b) + c))
 
 
 def developed(linear: Floats) -> Floats:

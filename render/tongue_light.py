@@ -15,6 +15,7 @@ from render.types import Floats, Ints
 TIP_MM = np.float32(9.0)  # a tongue's tip at rest lies so far behind the teeth
 SHARE = np.float32(1.0)  # of sky and key light that a tongue at the teeth sees at least
 REACH_MM = np.float32(10.5)  # behind them where that is a quarter
+SHUT_MM, PARTED_MM = np.float32(3.8), np.float32(5.4)  # gap of lips that let none, all of it in
 
 
 @dataclass(frozen=True)
@@ -30,10 +31,10 @@ class TongueLight:
         rows = np.flatnonzero(np.isin(used, tongue)).astype(np.int32)
         return cls(rows, used[rows])
 
-    def fill(self, vertices: Floats, rest: Floats, seen: Floats) -> None:
+    def fill(self, vertices: Floats, rest: Floats, seen: Floats, parted_mm: float) -> None:
         """[V, 3] mm, [V, 3] mm at rest, [4, U] shares of the sky, of the key light and the rims:
-        these are changed in place."""
-        light_tongue(vertices, rest, self.vertices, self.rows, seen)
+        these are changed in place; how far the lips part."""
+        light_tongue(vertices, rest, self.vertices, self.rows, seen, np.float32(parted_mm))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -43,13 +44,15 @@ def light_tongue(
     members: Ints,  # [n] vertices of the tongue, and ...
     rows: Ints,  # [n] ... which rows of the shares they are
     seen: Floats,  # [4, U], changed in place
+    parted_mm: np.float32,
 ) -> None:
-    one, teeth = np.float32(1), np.float32(-np.inf)
+    one, none, teeth = np.float32(1), np.float32(0), np.float32(-np.inf)
+    most = SHARE * min(max((parted_mm - SHUT_MM) / (PARTED_MM - SHUT_MM), none), one)
     for member in members:
         teeth = max(teeth, rest[np.uintp(member), 2] + TIP_MM)
     for n in range(len(members)):
-        deep = max(teeth - vertices[np.uintp(members[n]), 2], np.float32(0)) / REACH_MM
+        deep = max(teeth - vertices[np.uintp(members[n]), 2], none) / REACH_MM
         near = one / (one + deep * deep)
         row = np.uintp(rows[n])
         for k in range(2):
-            seen[k, row] = max(seen[k, row], SHARE * near * near)
+            seen[k, row] = max(seen[k, row], most * near * near)

@@ -33,6 +33,9 @@ LID_HOLE, FOLD_MM = 1.4, 6.5  # and of shut lids and the fold so near them: behi
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
+# The same of skin of the face that no layer lies below, as beside a nose, and so near to it.
+WING_SHARE, WING_MM = 0.66, 1.6
+LINING_MM = 4.0, 6.0  # of a mouth, behind the skin of the face: hidden, as it is
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
@@ -46,10 +49,13 @@ def cover(
     lids: NDArray[np.int32],  # vertices
     lips: NDArray[np.int32],  # vertices, and those behind them
     front: NDArray[np.int32],  # vertices of the face, which the fit knows
+    layered: NDArray[np.bool_],  # [N] skin that a layer lies below
     posing: Posing,
     mean_face: Floats,  # [V, 3] mm at rest
 ) -> tuple[Floats, Floats]:
     """Widths [N] mm and opacities [N] that leave no holes in lids, lips, eyes, ears and neck."""
+    from scipy.spatial import KDTree
+
     shut = posing.pose(posing.full_blink(), AHEAD, posing.rest(mean_face, sealed=True))
     _, _, areas = head.whole.normals(shut)
     shut_stretch = stretch(areas[head.triangle], head.rest_areas)
@@ -62,6 +68,8 @@ def cover(
     widths, opacities = head.scales.copy(), opacities.copy()
     beside = folded(head, lids, front, mean_face)
     by_lids = head.interpolate @ np.isin(head.used, beside).astype(np.float32) > 0
+    bare = ~layered & on_face
+    by_bare = KDTree(points[bare]).query(points)[0] < WING_MM
     neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
@@ -69,6 +77,7 @@ def cover(
         apart[of_kind] = spacing(points[of_kind])
         covers = of_kind & (on_lids | on_lips | (kind == mesh_parts.EYE))
         loose = of_kind & ~(covers | on_face)
+        wings = of_kind & on_face & ~covers & by_bare
         if kind == mesh_parts.SKIN:
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
             for among, which, own, share in (
@@ -86,6 +95,7 @@ def cover(
             (covers, SHARE, OPACITY),
             (loose, LOOSE_SHARE, LOOSE_OPACITY),
             (loose & neck, NECK_SHARE, LOOSE_OPACITY),
+            (wings, WING_SHARE, OPACITY),
         ):
             widths[which] = np.maximum(widths, share * apart / shut_stretch)[which]
             opacities[which] = np.maximum(opacities[which], least)
@@ -161,6 +171,31 @@ def eyes(
         seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
         out.append(Eye(of_ball, np.concatenate([of_ball, lining]), seen))
     return out
+
+
+def lining(
+    head: Surface,
+    inside: NDArray[np.bool_],  # [N] Gaussians of the mouth
+    flesh: NDArray[np.bool_],  # [U] teeth, gums and tongue
+    front: NDArray[np.bool_],  # [U] skin of the face but for the lips
+    posing: Posing,
+    mean_face: Floats,  # [V, 3] mm at rest
+) -> Floats:  # [N] factor of the opacities
+    """0 for cheeks and lips seen from inside, close behind skin: few and wide, they come out
+    before the layer below it and through its gaps, as sand under a lip when the jaw opens."""
+    from scipy.spatial import KDTree
+
+    shut = np.zeros_like(posing.full_blink())
+    opened = shut.copy()
+    opened[posing.jaw[0]] = 1
+    rest, near = posing.rest(mean_face, sealed=True), np.full(len(head.scales), np.inf, np.float32)
+    lines = inside & (head.interpolate @ flesh.astype(np.float32) < 0.01)
+    skin = head.interpolate @ front.astype(np.float32) > WHOLLY
+    for rig in (shut, opened):
+        points = head.interpolate @ posing.pose(rig, AHEAD, rest)[head.used]
+        near[lines] = np.minimum(near[lines], KDTree(points[skin]).query(points[lines])[0])
+    low, high = LINING_MM
+    return np.clip((near - low) / (high - low), 0, 1).astype(np.float32)
 
 
 def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:

@@ -25,7 +25,8 @@ from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing, followed
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
-from render.lighting import LIGHTINGS, TEETH, Lighting
+from render.lighting import LIGHTINGS, SHEEN, Lighting
+from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
@@ -56,7 +57,7 @@ class Decoder:
     lighting: Lighting
     eyes: list[Eye]  # left one first
     interior: Ints  # [I] Gaussians inside the mouth
-    scattering: Ints  # rows of the used vertices: teeth and gums
+    teeth_light: TeethLight
     tongue_light: TongueLight
     wrinkles: Wrinkles
     faces: NDArray[np.int32]  # [F, 3]
@@ -173,8 +174,9 @@ class Decoder:
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
         visibility = self.visibility(expression, identity)
-        kernels.scatter(self.scattering, TEETH, visibility)
-        self.tongue_light.fill(vertices, identity.geometry, visibility)
+        gap = self.posing.mouth.gaps(vertices).max()
+        self.teeth_light.fill(visibility, gap)
+        self.tongue_light.fill(vertices, identity.geometry, visibility, gap)
         bent, turned, move, at_rest = None, None, AT_REST, vertices
         if breath or head != REST:
             bent, at_rest = cache.neck.bent(head, breath), vertices[cache.skin.rows]
@@ -186,9 +188,8 @@ class Decoder:
         for line, eye in zip(self.posing.lid_lines, self.eyes, strict=True):
             lid = skin.colors[eye.lid].mean(0)
             line.tint_covered(vertices, skin.means, eye.covered, lid, skin.colors, move)
-        gap = self.posing.mouth.gaps(vertices).max() - MOUTH_SHUT_MM
-        opened = min(max(gap / np.float32(MOUTH_OPENS_MM), np.float32(0)), np.float32(1))
-        scaled(cache.opacities, self.interior, opened, opacities)
+        opened = min(max((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0), 1)
+        scaled(cache.opacities, self.interior, np.float32(opened), opacities)
         spots = slice(count, count + 2)
         eyes = gaze, identity.eye_centers, cache.eye_sizes, highlights.HALF @ move[:, :3]
         highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])
@@ -217,6 +218,7 @@ class Decoder:
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = self.shares @ identity.gloss
+            sizes = highlights.eye_sizes(self.posing, identity.geometry, identity.eye_centers)
             stretch = self.surface.interpolate @ bones.stretch(used)
             stretched = np.flatnonzero(stretch).astype(np.int32)
             cache = IdentityCache(
@@ -225,7 +227,7 @@ class Decoder:
                 rest=self.surface.at_rest(identity.geometry),
                 reflected=reflected(identity, self.shares, self.density),
                 gloss=gloss,
-                rims=gloss[:, None] * rims,
+                rims=SHEEN * gloss[:, None] * rims,
                 opacities=self.opacities * (self.shares @ identity.opacity_factors),
                 strands=hair.lit(self.lighting),
                 beard=identity.beard.lit(identity.geometry, self.lighting),
@@ -235,9 +237,7 @@ class Decoder:
                 still=bones.share(used),
                 stretch=(stretched, stretch[stretched]),
                 hair=bones.share(hair.means),
-                eye_sizes=highlights.eye_sizes(
-                    self.posing, identity.geometry, identity.eye_centers
-                ),
+                eye_sizes=sizes,
             )
             cache = cache._replace(
                 cloud=static_cloud(identity, cache, self.roughness, self.lighting)

@@ -11,15 +11,17 @@ from scipy.sparse import csr_array, diags_array, eye_array
 from render import wrinkles
 from render.decoder import density, surface
 from render.decoder.coding import Coding
-from render.decoder.cover import bared, cover, eyes, molars
+from render.decoder.cover import bared, cover, eyes, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
 from render.decoder.posing import GEOMETRY_STEPS, Posing
+from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
-from render.types import Density, Ints
+from render.types import Density
 
 KIND = "prior"
+LIPS_MM = 18.0  # from their middle: farther out the lining of the mouth keeps its corners dark
 Tensors = dict[str, NDArray[Any]]
 
 
@@ -58,14 +60,20 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
             head, template(t), kinds, opacities, *groups, gaussians
         )
         head = replace(head.take(rows), scales=widths)
+    deep = density.thick(head, template(t), kinds[rows], face, edges)
     widths, opacities = cover(
-        head, opacities, kinds[rows], regions["eyelids"], lips, face, pose, template(t)
+        head, opacities, kinds[rows], regions["eyelids"], lips, face, deep, pose, template(t)
     )
     lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
+    flesh = np.isin(head.used, np.concatenate([regions["gums"], pose.tongue]))
+    flesh[t["teeth_rows"]] = True
+    middle = lips[np.abs(template(t)[lips, 0]) < LIPS_MM]
+    front = np.isin(head.used, np.union1d(np.setdiff1d(face, edges), middle))
+    inside = t["anchor_inside"][rows] > 0
+    opacities = opacities * lining(head, inside, flesh, front, pose, template(t))
     head = replace(head, scales=widths)
     if gaussians:
-        deep = density.thick(head, template(t), kinds[rows], face, edges)
         scales = np.where(deep, density.NARROWER[gaussians], 1) * head.scales
         head = replace(head, scales=scales.astype(np.float32))
         layers = density.layered(head, template(t), deep, shares, opacities)
@@ -86,17 +94,14 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "shares": shares,
         "eyes": eyes(head, pose, regions["eyelids"], template(t)),
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
-        "scattering": scattering(t["teeth_rows"], head.used, regions["gums"]),
+        "teeth_light": TeethLight.of(
+            t["teeth_rows"], np.isin(head.used, regions["gums"]), template(t)[head.used], lips_mm
+        ),
         "tongue_light": TongueLight.of(head.used, pose.tongue),
         "wrinkles": folds(t, card["rig_names"], head, shares),
         "faces": faces,
         "regions": regions,
     }
-
-
-def scattering(teeth: Ints, used: Ints, gums: Ints) -> Ints:
-    """Rows of the used vertices that light each other: teeth [n], and vertices of gums."""
-    return np.union1d(teeth, np.flatnonzero(np.isin(used, gums))).astype(np.int32)
 
 
 def folds(

@@ -93,14 +93,14 @@ class Judge:
         sums, rest_sums = (around.normals(v)[1] for v in (vertices, who.rest.geometry))
         colors[surface.used[surface.live]] *= np.sqrt(surface.flush(sums, rest_sums))
         self._dress(who)
-        seen, tongue = np.ascontiguousarray(light.T), self.assembly.posing.tongue
+        seen, posing = np.ascontiguousarray(light.T), self.assembly.posing
+        tongue, parted = posing.tongue, posing.mouth.gaps(vertices).max()
         mouth_tints.tint(colors, tongue, self.assembly.face.regions["teeth_lower"])
-        tongue_light.light_tongue(vertices, who.rest.geometry, tongue, tongue, seen)
-        lit, lids = np.ascontiguousarray(seen.T), self.assembly.posing.openings(vertices)
-        self.assembly.light_gums(lit)
+        tongue_light.light_tongue(vertices, who.rest.geometry, tongue, tongue, seen, parted)
+        self.decoder.teeth_light.of_vertices(surface.used).fill(seen, parted)
         return self._mesh.draw(
-            vertices, self.assembly.normals(vertices), colors, lit, camera,
-            folds=wrinkles.amounts(rig, self._folds), lids=lids,
+            vertices, self.assembly.normals(vertices), colors, np.ascontiguousarray(seen.T), camera,
+            folds=wrinkles.amounts(rig, self._folds), lids=posing.openings(vertices),
         )  # fmt: skip
 
     def face_mask(self, who: Subject, vertices: Floats, camera: Camera) -> NDArray[np.bool_]:

@@ -62,7 +62,7 @@ class MeshRenderer:
             ("bleed", lighting.BLEED),
             ("bounce", lighting.BOUNCE),
             ("film", lighting.FILM),
-            ("teeth", lighting.TEETH),
+            ("sheen", lighting.SHEEN),
             ("across", wrinkles.ACROSS_MM),
             ("fold_tint", wrinkles.TINT),
             ("lid_shade", lines.SHADE),

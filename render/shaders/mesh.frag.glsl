@@ -18,7 +18,7 @@ uniform vec3 towards[4], lamps[4];  // key, fill, rims left and right
 uniform float half_widths[4];
 uniform vec3 sky, ground, wrap, bleed, bounce;
 uniform float film[5];
-uniform vec3 teeth;  // see lighting.TEETH
+uniform float sheen;  // see lighting.SHEEN
 uniform bool mirrors;  // else matte
 const int STATIONS = 24;
 uniform vec3 lids[2 * STATIONS];  // left eye first: x, heights of the upper and the lower edge, mm
@@ -32,11 +32,6 @@ const vec2 WET = vec2(1.1, 0.28), TOOTH = vec2(1.3, 0.20);
 const float STEEPEST = 0.55, SKIN_F0 = 0.028, SPREAD = 0.5;
 const float BOX_EDGE = 0.05, BOX_LIGHT = 40.0;  // in an eye
 const vec2 BOX = vec2(0.14, 0.18);
-
-vec4 scattered(vec4 seen) {  // of sky and key light, on teeth
-    vec4 through = seen * (seen * (teeth.x * seen + teeth.y) + teeth.z);
-    return vec4(max(seen, through).xy, seen.zw);
-}
 
 vec3 bled(float share) { return share * (1.0 + bleed * (1.0 - share)); }
 
@@ -109,9 +104,8 @@ void main() {
         }
     }
     if (v_kind == 1) albedo *= texture(eye, v_uv).rgb;
-    vec4 seen = v_kind == 3 ? scattered(v_seen) : v_seen;
-    float shares[4] = float[4](seen.y, seen.x, seen.z, seen.w);
-    vec3 light = mix(ground, sky, 0.5 * n.y + 0.5) * (bounce + (1.0 - bounce) * bled(seen.x));
+    float shares[4] = float[4](v_seen.y, v_seen.x, v_seen.z, v_seen.w);
+    vec3 light = mix(ground, sky, 0.5 * n.y + 0.5) * (bounce + (1.0 - bounce) * bled(v_seen.x));
     for (int k = 0; k < 4; k++) {
         vec3 lit = max((vec3(dot(n, towards[k])) + wrap) / (1.0 + wrap), 0.0) * lamps[k];
         light += lit * (k == 1 ? bounce + (1.0 - bounce) * bled(shares[k]) : bled(shares[k]));
@@ -123,7 +117,8 @@ void main() {
             float soft = SPREAD * half_widths[k];
             float wide = mirrored(micro, v, towards[k], min(surface.y + soft, 1.0), f0);
             float tight = mirrored(micro, v, towards[k], 0.55 * surface.y + soft, f0);
-            linear += (0.7 * wide + 0.3 * tight) * surface.x * shares[k] * lamps[k];
+            float share = k < 2 ? shares[k] : sheen * shares[k];
+            linear += (0.7 * wide + 0.3 * tight) * surface.x * share * lamps[k];
         }
     }
     vec3 stored = film_of(linear);

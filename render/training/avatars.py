@@ -59,7 +59,7 @@ def make(
     albedo = calmed(assembly, maker, who)
     albedo = wrinkles.at_rest(albedo, maker.wrinkles, recipe.skin.age)
     who = replace(who, wrinkles=wrinkles.depth(recipe.skin.age))
-    albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, recipe.tint, rng)
+    albedo = beard.stubble(assembly, maker, albedo, recipe.stubble, rng)
     dark = np.array(recipe.tint) * min(BROW_DARKER, BRIGHTEST_BROW / max(recipe.tint))
     standing = [
         lashes.grow(maker.posing, who.rest, recipe.lashes),
@@ -120,7 +120,7 @@ def haired(
     albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)
     matte = hairline.MATTE * np.maximum(onto(maker, cap), hairline.near(points, over[1]))
     whole = mass.lined(grown, skin) if recipe.style in SWEPT else grown
-    before, after = (head.interpolate @ seen.mean(1) for seen in (bald[:, :2], visible[:2].T))
+    before, after = (head.interpolate @ seen.mean(1) for seen in (bald, visible.T))
     hidden = (onto(maker, inside) > WHOLLY) & mass.hidden(points, grown)
     return replace(
         who,

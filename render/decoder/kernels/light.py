@@ -144,18 +144,3 @@ def read_light(
             sky += weights[e] * change[texel, 0]
             lamp += weights[e] * change[texel, 1]
         out[0, u], out[1, u] = min(max(sky, dark), one), min(max(lamp, shade), one)
-
-
-@loop
-def scatter(
-    rows: Ints,  # [n] vertices of teeth and gums
-    fit: Floats,  # [3] lighting.TEETH
-    seen: Floats,  # [2 and more, U] shares of light; the first two of these rows changed in place
-) -> None:
-    """What `lighting.scattered` says, in place."""
-    a, b, c = fit[0], fit[1], fit[2]
-    for k in range(2):
-        for row in rows:
-            u = np.uintp(row)
-            share = seen[k, u]
-            seen[k, u] = max(share, share * (share * (a * share + b) + c))

@@ -100,7 +100,7 @@ class Studio:
         self.widths = bare.scales
         self.opacities = np.full(len(kinds), OPACITY, np.float32)
         widths, self._shown = cover(
-            *(bare, self.opacities, kinds, r["eyelids"], lips, r["narrow_face"]),
+            *(bare, self.opacities, kinds, r["eyelids"], lips, r["narrow_face"], thick),
             *(assembly.posing, rest.geometry),
         )
         self.surface = replace(bare, scales=widths)
@@ -135,7 +135,7 @@ class Studio:
     def _view(
         self, vertices: Floats, seen: Floats, levels: Floats, camera: Camera, lights: Lighting
     ) -> ReferenceView:
-        self._assembly.light_gums(seen)
+        self._assembly.light_mouth(seen)
         shown = self._assembly.normals(vertices), self._assembly.colors, seen
         picture = self._renderer.draw(vertices, *shown, camera, lights)
         head, count = self.surface, len(self.widths)
@@ -144,11 +144,10 @@ class Studio:
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
-        teeth = np.isin(head.used, self._assembly.face.regions["teeth"])  # gums are done
-        of_used[:2, teeth] = lighting.scattered(of_used[:2, teeth])
         still, black = head.at_rest(vertices), np.zeros((count, 3), np.float32)
         head.place(vertices, of_used, still, black, self.gloss, placed, lights)
-        placed.shine[:, 2:] = self.gloss[:, None] * (head.interpolate @ of_used[2:].T)
+        rims = head.interpolate @ of_used[2:].T
+        placed.shine[:, 2:] = lighting.SHEEN * self.gloss[:, None] * rims
         carried, _ = head.vertex_attributes(vertices, of_used, still, lights)
         light = head.interpolate @ carried[:, surface.LIGHT]
         lobes = Shine(placed.shine, self.roughness, lights.colors)

@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render import lighting
 from render.decoder import mesh_parts, surface
 from render.decoder.learned.atlas import HEIGHT, WIDTH
 from render.decoder.lines import Lips
 from render.decoder.posing import Posing, sphere_centre
+from render.teeth_light import scattered
 from render.training.data.face_data import SKIN_VERTICES, FaceData
 from render.training.geometry import contact_lines
 from render.training.look import mouth
@@ -66,10 +66,10 @@ class Assembly:
         out[self.face.faces[drawn]] = self.face.uv[self.face.uv_faces[drawn]]
         return out
 
-    def light_gums(self, seen: Floats) -> None:  # [V, 2 or more] shares, changed in place
-        """Teeth and gums light each other: of teeth the renderer knows it, of gums it is told."""
-        gums = self.face.regions["gums"]
-        seen[gums, :2] = lighting.scattered(seen[gums, :2])
+    def light_mouth(self, seen: Floats) -> None:  # [V, 2 or more] shares, changed in place
+        """Teeth and gums light each other."""
+        rows = np.union1d(self.face.regions["teeth"], self.face.regions["gums"])
+        seen[rows, :2] = scattered(seen[rows, :2])
 
     @cached_property
     def places(self) -> Floats:

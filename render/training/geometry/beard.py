@@ -20,6 +20,8 @@ from render.training.geometry.assembly import Assembly
 from render.types import Floats
 
 Tint = tuple[float, float, float]
+# Of stored red, green and blue, what roots under a shaven skin take away; how even their shade is.
+SHADOW, EVEN = np.array([0.38, 0.41, 0.36], np.float32), 0.6
 SEGMENTS = 2  # Gaussians along a strand
 UPRIGHT = 0.55  # how much of its first segment a strand stands off the skin; halved in each next
 RADII_MM = (0.22, 0.13)  # of the pieces of a strand: a few hairs
@@ -76,16 +78,15 @@ def stubble(
     maker: Maker,
     albedo: Floats,
     strength: float,
-    tint: Tint,
     rng: np.random.Generator,
 ) -> Floats:
-    """Darker skin in grains as large as a Gaussian."""
+    """Darker skin in grains as large as a Gaussian: cool, as roots under skin look, and even."""
     if strength == 0:
         return albedo
     mask = where(assembly, maker)
     grain = np.clip(0.85 + 0.22 * rng.standard_normal(len(mask)), 0.3, 1.3)
-    cover = np.clip(0.5 * strength * mask * grain, 0, 0.9)[:, None].astype(np.float32)
-    return (albedo + cover * (np.array(tint, np.float32) * 0.9 - albedo)).astype(np.float32)
+    cover = np.clip(strength * mask**EVEN * grain, 0, 1)[:, None].astype(np.float32)
+    return (albedo * (1 - cover * SHADOW)).astype(np.float32)
 
 
 def grow(

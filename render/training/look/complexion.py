@@ -36,7 +36,7 @@ def deep(skin: Floats, melanin: float, places: Places, relief: Relief) -> Floats
     dark += 0.10 * spot(0, 92, 60, 16) + 0.10 * spot(0, -84, 60, 14)
     dark -= 0.24 * spot(38, 4, 19, 16) + 0.12 * spot(0, 18, 9, 20) + 0.14 * spot(0, 66, 26, 14)
     dark -= 0.10 * spot(0, -62, 14, 9)
-    dark = (dark + 0.05 * relief.clouds + 0.03 * relief.patches) * (1 - lips)
+    dark = (dark + 0.025 * relief.clouds + 0.01 * relief.patches) * (1 - lips)
     out = skin * np.clip(1 - melanin * dark[..., None] * MELANIN, 0.4, 1.5)
     inner = np.clip(1 - np.abs(places.up - LINE_MM) / CLEAR_MM, 0, 1)
     upper = np.clip(0.5 + (places.up - LINE_MM), 0, 1)[..., None]

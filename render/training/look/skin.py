@@ -17,7 +17,9 @@ from render.types import Floats
 LEAST_HUE, MOST_HUE = 0.90, 1.12  # of a lid's red, green and blue, in those of the skin around
 DARKER_BROW = 0.9  # than the skin around it, in luminance, are the hairs of a painted brow
 LID_TOP_MM = (44, 50), (36.5, 26)  # mm across, mm up: painted brows are looked for above it
-EVEN_HUE = 0.9  # of wide patches, how far they take the hue of the face
+EVEN_HUE = 0.9  # how far patches take the hue of the face that are so wide, near lips and not
+EVEN_TEXELS = 14, 5
+FURROW = 0.8  # of a dark blot in the furrow under a nose, how far it takes the skin around
 RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of the skin around
 CORNER, CORNER_COLOR = 0.9, np.array([0.93, 0.83, 0.81], np.float32)  # of the mouth, in its skin's
 DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
@@ -106,11 +108,12 @@ def _bends(points: NDArray[np.float64]) -> NDArray[np.float64]:  # [n, 2] -> [n,
 
 def detail(skin: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] -> gains
     """Pores and mottling of a fitted skin, without its tone."""
-    on = _bare(places)
+    on = _bare(places) * (1 - places.spot(0, -20, 9, 5))  # there is a mark of theirs
     on = (on * soft((places.up > -70).astype(np.float32), 10))[..., None]
     fine = skin / np.clip(soft(skin, 4.5), 0.01, None)
-    band = soft(skin, 2.5) / np.clip(soft(skin, 18), 0.01, None)
-    gain = 1 + 1.3 * on * (np.clip(fine, 0.75, 1.25) - 1)
+    light = skin @ LUMINANCE  # mottling in hues looks like stains
+    band = (soft(light, 2.5) / np.clip(soft(light, 18), 0.01, None))[..., None]
+    gain = 1 + 1.3 * on * (np.clip(fine, 0.75, 1.1) - 1)
     return (gain * (1 + 0.55 * on * (np.clip(band, 0.85, 1.15) - 1))).astype(np.float32)
 
 
@@ -122,9 +125,9 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
     red += 0.04 * places.face + 0.05 * places.spot(0, -36, 42, 26)
-    red = skin.blood * (red + 0.03 * relief.patches * bare + 0.03 * relief.clouds)
+    red = skin.blood * (red + 0.025 * relief.patches * bare + 0.02 * relief.clouds)
     out = out * np.clip(1 + red[..., None] * np.array([0.10, -0.55, -0.45], np.float32), 0.5, 1.3)
-    melanin = 0.030 * relief.patches + 0.015 * relief.grain
+    melanin = 0.018 * relief.patches + 0.015 * relief.grain
     if skin.freckles > 0:
         spots = np.clip(noise(places.points, 3.4, 31, 2) - 0.9, 0, 1.2) * bare
         spots *= np.clip(places.cheeks + places.nose + 0.3 * places.forehead, 0, 1)
@@ -151,12 +154,13 @@ def _bare(places: Places) -> Floats:  # [SIZE, SIZE] 0..1
 
 
 def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
-    """Less of the hues that a texture has in wide patches (yellow around a mouth), of its pale rim
-    of the lips, and none of its dark corners of the mouth."""
+    """Less of the hues that a texture has in patches (yellow around a mouth), of its pale rim of
+    the lips and its painted furrow above them, and none of its dark corners of the mouth."""
     bare = _bare(places) * soft(places.face, 7)
     off = np.clip(1 - 1.3 * soft(np.clip(places.lips + places.lids + places.roll, 0, 1), 1.2), 0, 1)
     off *= soft(places.face, 7)
-    wide = _among(tone, off, 14)
+    near, far = (_among(tone, off, texels) for texels in EVEN_TEXELS)
+    wide = near + _off_lips(places) * (far - near)
     hue = wide / np.clip(wide @ LUMINANCE, 1e-3, None)[..., None]
     usual = np.median(hue[bare > 0.9], 0)
     out = (tone * (1 + EVEN_HUE * off[..., None] * (usual / hue - 1))).astype(np.float32)
@@ -165,6 +169,8 @@ def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     rim = RIM * off * np.clip(3 * soft(places.lips, 22), 0, 1)
     lit = skin @ LUMINANCE / np.clip(_among(out, off, 5) @ LUMINANCE, 1e-3, None)
     out *= (1 + rim * (np.minimum(lit, 1.15) - 1))[..., None]
+    furrow = (FURROW * off * places.spot(0, -19.5, 13, 4))[..., None]
+    out += furrow * (skin - out)
     corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
     return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)
 

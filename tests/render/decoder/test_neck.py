@@ -8,7 +8,7 @@ import pytest
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.decoder.neck import LIMIT_MM, LIMITS_RAD, limited
-from render.lighting import STUDIO, developed, scattered
+from render.lighting import STUDIO, developed
 from render.types import AHEAD, FIELDS, Gaussians
 from sensors import rotation
 from sensors.types import HeadPose
@@ -104,8 +104,8 @@ def test_light_falls_on_turned_skin_teeth_and_scalp(decoder: Decoder) -> None:
     matrix = np.stack([rotation.rotate(head.quat, e) for e in np.eye(3).tolist()], 1)
     normals = surface.whole.normals(who.geometry)[0] @ matrix.T.astype(np.float32)
     seen = decoder.visibility(STILL, who)
-    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
-    decoder.tongue_light.fill(who.geometry, who.geometry, seen)
+    decoder.teeth_light.fill(seen, 0.0)
+    decoder.tongue_light.fill(who.geometry, who.geometry, seen, 0.0)
     light = surface.interpolate @ STUDIO.shade(normals, seen.T)
     expected = developed((decoder.shares @ who.albedo) ** 2 * light)
     moving = np.zeros(len(surface.used), np.float32)

@@ -254,12 +254,15 @@ def test_a_tongue_at_the_teeth_is_lit(decoder):
     for rig in (names, raised):
         posed = decoder.posing.pose(rig, AHEAD, who.rest)
         seen = np.full((4, len(decoder.surface.used)), 0.05, np.float32)
-        light.fill(posed, who.geometry, seen)
+        light.fill(posed, who.geometry, seen, decoder.posing.mouth.gaps(posed).max())
         tips.append(posed[light.vertices, 2].max())
         lit.append(seen[:2, light.rows].max())
         assert (seen[2:] == np.float32(0.05)).all()
     upper = who.geometry[decoder.posing.mouth.upper, 2].max()
     assert tips[0] + 6 < tips[1] < upper and lit[0] < 0.4 < 0.7 < lit[1] < 1
     seen = np.ones((4, len(decoder.surface.used)), np.float32)
-    light.fill(who.geometry, who.geometry, seen)
+    light.fill(who.geometry, who.geometry, seen, 9.0)
     assert (seen[:, light.rows] == 1).all()
+    seen *= 0
+    light.fill(who.geometry, who.geometry, seen, 2.0)
+    assert (seen == 0).all()  # behind teeth that shut

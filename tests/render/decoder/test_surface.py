@@ -8,7 +8,7 @@ from render.decoder import identity, mesh_parts
 from render.decoder.decoder import Decoder
 from render.decoder.kernels import surface as kernels
 from render.decoder.surface import FLATNESS, STRETCH, normals_of
-from render.lighting import STUDIO, developed, scattered
+from render.lighting import SHEEN, STUDIO, developed
 from render.types import AHEAD
 
 
@@ -95,8 +95,9 @@ def test_colours_are_albedo_under_light(decoder, talking):
     who, code, vertices, cloud = talking
     surface = decoder.surface
     seen = decoder.visibility(code, who)
-    seen[:2, decoder.scattering] = scattered(seen[:2, decoder.scattering])
-    decoder.tongue_light.fill(vertices, who.geometry, seen)
+    gap = decoder.posing.mouth.gaps(vertices).max()
+    decoder.teeth_light.fill(seen, gap)
+    decoder.tongue_light.fill(vertices, who.geometry, seen, gap)
     normals = np.empty((len(surface.used), 3), np.float32)
     static = np.setdiff1d(np.arange(len(surface.used)), surface.live)
     normals[static] = surface.whole.normals(who.geometry)[0][static]
@@ -108,7 +109,7 @@ def test_colours_are_albedo_under_light(decoder, talking):
     linear = np.minimum(own, 1) ** 2 * (surface.interpolate @ light)
     expected = developed(linear)
     decoder.wrinkles.fold(code @ decoder.coding.to_rig, expected, who.wrinkles)
-    rims = decoder.shares @ who.gloss * (surface.interpolate @ seen[2])
+    rims = SHEEN * (decoder.shares @ who.gloss) * (surface.interpolate @ seen[2])
     np.testing.assert_allclose(cloud.shine.weights[:, 2], rims, atol=1e-4)
     eyes = np.isin(surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)
     bare = surface.interpolate @ eyes == 0  # lids colour what they cover: test_cover.py

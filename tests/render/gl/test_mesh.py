@@ -113,17 +113,6 @@ def test_a_roof_takes_the_sky_and_the_key_light(egl_context):
     assert seen[3, 1] == 1 and seen[3, 0] > 0.9
 
 
-def test_teeth_pass_light_on_in_the_shader_as_in_numpy(egl_context):
-    seen = (0.3, 0.2, 0.3, 0.6)
-    picture = draw(egl_context, (0, 0, 1), seen=seen, kind=mesh_parts.TEETH)
-    share = np.float32([seen])
-    share[:, :2] = lighting.scattered(share[:, :2])
-    light = lighting.STUDIO.shade(np.float32([[0, 0, 1]]), share)[0]
-    expected = lighting.developed(np.float32([0.6, 0.5, 0.4]) ** 2 * light)
-    np.testing.assert_allclose(picture[32, 32] / 255, expected, atol=1.5 / 255)
-    assert share[0, 1] > 2 * seen[1]
-
-
 def test_folds_darken_the_side_that_an_expression_folds(egl_context):
     """Texture, sides and tint of the shader are those of the decoder."""
     renderer = MeshRenderer(egl_context, square(mesh_parts.SKIN))
