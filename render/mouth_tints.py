@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from render.types import Floats
 
 TONGUE = np.array([1.0, 0.94, 0.95], np.float32)
-LOWER_TEETH = np.array([0.84, 0.84, 0.86], np.float32)
+LOWER_TEETH = np.array([0.82, 0.85, 0.90], np.float32)
 
 
 def tint(colors: Floats, tongue: NDArray[np.integer], lower: NDArray[np.integer]) -> None:

@@ -13,7 +13,7 @@ from render.lighting import TOWARDS, Lighting, developed
 from render.types import Density, Floats, Gaussians
 
 DIFFUSE, GLOSS, THROUGH, BEHIND = 0.82, 0.063, 0.70, 1.10  # weights of a lamp's light
-SHEEN = 0.045, 0.28  # of strands that do not lie quite alike: weight, width of the cone, a rad
+SHEEN = 0.04, 0.28  # of rims, on strands that do not lie quite alike: weight, width in rad
 SKY = 0.55
 CENTRE_MM, FLATTENED = np.array([0.0, 15.0, -8.0], np.float32), 0.85  # of a head; its height
 BELOW = 0.35  # of that height: hair below the middle of a head hangs, and faces outward
@@ -106,7 +106,8 @@ def strand_light(
         glow = np.exp(-(((half + 0.02) / 0.10) ** 2)) * np.clip(0.5 - 0.5 * turn, 0, 1) ** 3
         crossing = np.sqrt(np.clip(1 - to_lamp**2, 0, 1)) * (0.5 + 0.5 * front)
         facing = np.clip(1.3 * (0.65 * (outward @ TOWARDS[lamp]) + 0.35), 0, 1)
-        light = DIFFUSE * crossing[:, None] * albedo + (GLOSS * gloss + SHEEN[0] * sheen)[:, None]
+        gloss = GLOSS * gloss + (SHEEN[0] * sheen if lamp > 1 else 0)
+        light = DIFFUSE * crossing[:, None] * albedo + gloss[:, None]
         light = light + THROUGH * through[:, None] * albedo**0.75
         light = light + BEHIND * glow[:, None] * albedo**0.6
         out = out + light * (facing * seen[:, column])[:, None] * lights.colors[lamp]

@@ -21,7 +21,7 @@ MOST, SOON = np.float32(0.75), np.float32(0.25)  # what front ones tend to, how 
 HIGH_MM, LEAST = 8.0, 0.4  # so far up the upper teeth they see that share of their edges' light
 BACK_MM = (4.0, 14.0)  # behind the foremost tooth: in all of that light, out of it
 PARTED_MM = (5.0, 14.0)  # gap of the lips over which lower teeth sink behind them
-SUNK = np.array([0.35, 0.75], np.float32)  # of their light, lost at their edges and HIGH_MM down
+SUNK = np.array([0.45, 0.8], np.float32)  # of their light, lost at their edges and HIGH_MM down
 
 
 @dataclass(frozen=True)

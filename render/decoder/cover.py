@@ -35,7 +35,7 @@ SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # The same of skin of the face that no layer lies below, as beside a nose, and so near to it.
 WING_SHARE, WING_MM = 0.66, 1.6
-LINING_MM = 4.0, 6.0  # of a mouth, behind the skin of the face: hidden, as it is
+LINING_MM = 6.0, 9.0  # of a mouth, behind the skin of the face: hidden, as it is
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
 SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade

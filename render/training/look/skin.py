@@ -169,7 +169,7 @@ def evened(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     rim = RIM * off * np.clip(3 * soft(places.lips, 22), 0, 1)
     lit = skin @ LUMINANCE / np.clip(_among(out, off, 5) @ LUMINANCE, 1e-3, None)
     out *= (1 + rim * (np.minimum(lit, 1.15) - 1))[..., None]
-    furrow = (FURROW * off * places.spot(0, -19.5, 13, 4))[..., None]
+    furrow = (FURROW * off * places.spot(0, -19.5, 13, 3.5))[..., None]
     out += furrow * (skin - out)
     corner = CORNER * np.clip((places.across - 20) / 5, 0, 1) * places.spot(25, -35, 7, 6)
     return (out + corner[..., None] * (skin * CORNER_COLOR - out)).astype(np.float32)

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.ndimage import binary_erosion
+from scipy.ndimage import binary_erosion, maximum_filter
 from scipy.spatial import KDTree
 
 from render import cameras
@@ -191,3 +191,48 @@ def test_skin_of_a_thin_head_is_as_wide_as_the_holes_beside_it():
     behind = (places[:, 2] < -50) & (places[:, 1] > -120) & (places[:, 1] < 90)
     distance, near = KDTree(points[nape]).query(places[behind])
     assert (distance < 1.15 * head.scales[nape][near]).mean() > 0.99
+
+
+def seen_at(
+    decoder: Decoder, tiles, who: identity.Identity, pose: dict[str, float], marked: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of anchors that face the viewer: places [n, 3] mm, and how much of what is seen around there
+    is of the marked ones [n]; which anchors [n]."""
+    code, count = sheet.code(decoder, pose), len(decoder.opacities)
+    mesh, cloud = decoder.decode(code, AHEAD, who)
+    cloud.colors[:] = 0
+    cloud.colors[:count][marked] = 1
+    cloud.opacities[count:] = 0
+    camera = replace(cameras.portrait(1024, 1024), background=(0.0, 0.0, 0.0))
+    tiles.draw(replace(cloud, shine=None), camera)
+    normals = decoder.surface.interpolate @ decoder.surface.whole.normals(mesh.vertices)[0]
+    rows = np.flatnonzero((normals[:, 2] > 0.5) & (decoder.surface.depths == 0))
+    points = cloud.means[rows]
+    at = (points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]) @ camera.K.T
+    x, y = np.clip((at[:, :2] / at[:, 2:]).astype(int), 0, 1023).T
+    return points, maximum_filter(tiles.read_rgba()[..., 0], 5)[y, x] / 255, rows
+
+
+def test_no_mouth_comes_through_the_skin_below_a_lip(decoder, tiles):
+    """Red before: as sand on a chin when the jaw opens."""
+    inside = np.zeros(len(decoder.opacities), bool)
+    inside[decoder.interior] = True
+    who = identity.load("dalia")
+    points, shown, rows = seen_at(decoder, tiles, who, {"jawOpen": 0.7}, inside)
+    x, y, _ = points.T
+    below = (np.abs(x) < 16) & (y > -84) & (y < -62) & ~inside[rows]
+    assert below.sum() > 100 and np.quantile(shown[below], 0.98) < 0.06
+
+
+def test_skin_beside_a_nose_has_no_cracks(tiles):
+    """Red before: what faces away came through where no layer lies below, in a smile most."""
+    dense, who = Decoder.load(gaussians="65k"), identity.load("lena")
+    smile = sheet.POSES["smile"][0]
+    normals = (
+        dense.surface.interpolate
+        @ dense.surface.whole.normals(dense.vertices(sheet.code(dense, smile), AHEAD, who))[0]
+    )
+    points, shown, _ = seen_at(dense, tiles, who, smile, normals[:, 2] < 0)
+    x, y, _ = points.T
+    beside = (np.abs(x) > 16) & (np.abs(x) < 26) & (y > -18) & (y < 4)
+    assert beside.sum() > 100 and np.quantile(shown[beside], 0.98) < 0.08
