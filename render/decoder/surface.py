@@ -175,6 +175,7 @@ def build(
     drawn: Ints,  # [D] rows of `faces` that are drawn
     kinds: Ints,  # [V] SKIN, EYE, WET or DRY
     blood: Ints,  # vertices whose skin flushes
+    lids: Ints,  # vertices whose skin moves as much and does not: stretched it would be pale
     tongue: Ints,  # vertices
     triangles: Ints,  # [N] the anchors' rows of `faces`
     weights: Floats,  # [N, 3] barycentric coordinates
@@ -183,8 +184,9 @@ def build(
     """The linear algebra of a set of anchors."""
     corners = faces[triangles]
     used = np.unique(corners)
-    flushing = np.isin(used, blood)
-    live = np.flatnonzero((kinds[used] == EYE) | flushing | np.isin(used, tongue))
+    flushing = np.isin(used, np.setdiff1d(blood, lids))
+    moving = flushing | np.isin(used, np.concatenate([lids, tongue]))
+    live = np.flatnonzero((kinds[used] == EYE) | moving)
     whole, rows_whole = _around(faces, drawn, used, len(mesh))
     face, rows_face = _around(faces, drawn, used[live], len(mesh))
     row_of = np.full(len(mesh), -1, np.int32)
