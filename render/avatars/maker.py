@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from render import mouth_tints, strands
 from render.avatars import blends, detail, lashes, textures
 from render.decoder import mesh_parts, prior_file
-from render.decoder.cover import turned_out
+from render.decoder.eyes import turned_out
 from render.decoder.identity import GLOSS_STEPS, Identity
 from render.decoder.learned import atlas, weights_file
 from render.decoder.posing import Rest

@@ -7,19 +7,15 @@ an iris seen near is uneven, as if it looked elsewhere, dots cover neck and ears
 have holes.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from render.decoder import mesh_parts
-from render.decoder.posing import Posing, sphere_centre
+from render.decoder.posing import Posing
 from render.decoder.surface import Surface, stretch
 from render.types import AHEAD, Floats
 
 NEIGHBOURS = 4
-SOME_LIDS = 8  # one in so many tells the colour of a lid
-LINING = 0.0  # cosine to the way out of an eye below which skin is on the inside of a lid
 SHARE = 0.6  # smallest standard deviation, as a share of the distance to the neighbours
 OPACITY = 0.9  # at least
 # Skin is the face's where so much of it is, and so far inside its rim: at the rim the layer below
@@ -38,8 +34,6 @@ WING_SHARE, WING_MM = 0.66, 1.6
 LINING_MM = 6.0, 9.0  # of a mouth, behind the skin of the face: hidden, as it is
 # mm before the teeth furthest back: between them the lower and the upper ones fade away
 MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
-SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come out of its shade
-RIM_DEG = (72.0, 88.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 
 
 def cover(
@@ -143,36 +137,6 @@ def molars(
     return shown
 
 
-class Eye(NamedTuple):
-    """Gaussians of one eye."""
-
-    ball: NDArray[np.intp]
-    covered: NDArray[np.intp]  # these and those on the inside of the lids, which no light reaches
-    lid: NDArray[np.intp]  # some of those on the upper lid, which tell its colour
-
-
-def eyes(
-    head: Surface,
-    posing: Posing,
-    eyelids: NDArray[np.int32],  # vertices
-    mesh: Floats,  # [V, 3] mm
-) -> list[Eye]:
-    normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[Eye]()
-    points = head.interpolate @ mesh[head.used]
-
-    def on(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
-        return head.interpolate @ np.isin(head.used, vertices).astype(np.float32) > WHOLLY
-
-    for ball, slides in zip(posing.eyeballs, posing.lids, strict=True):
-        arm = points - sphere_centre(mesh[ball])
-        inside = np.einsum("nk,nk->n", arm, normals) < LINING * np.linalg.norm(arm, axis=1)
-        lid, of_ball = on(np.intersect1d(eyelids, slides)), np.flatnonzero(on(ball))
-        lining = np.flatnonzero(lid & inside)
-        seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
-        out.append(Eye(of_ball, np.concatenate([of_ball, lining]), seen))
-    return out
-
-
 def lining(
     head: Surface,
     inside: NDArray[np.bool_],  # [N] Gaussians of the mouth
@@ -196,36 +160,6 @@ def lining(
         near[lines] = np.minimum(near[lines], KDTree(points[skin]).query(points[lines])[0])
     low, high = LINING_MM
     return np.clip((near - low) / (high - low), 0, 1).astype(np.float32)
-
-
-def bared(posing: Posing, face: Floats) -> list[tuple[NDArray[np.int32], NDArray[np.int32]]]:
-    """Vertices of each eyeball that show at rest, and those behind lids and head; face [V, 3]."""
-    out = []
-    for line, members in zip(posing.lid_lines, posing.eyeballs, strict=True):
-        points = face[members]
-        shows = line.between_sides(face, points) & (points[:, 2] > points[:, 2].mean())
-        out.append((members[shows], members[~shows]))
-    return out
-
-
-def turned_out(head: Surface, posing: Posing, face: Floats, visibility: Floats) -> Floats:
-    """The light [U, 2] at rest, for eyes that turn: what comes out from behind a lid is lit.
-
-    The rim stays dark: no look brings it out, and it would shine through the skin of the socket.
-    """
-    row_of = np.full(len(face), -1, np.int32)
-    row_of[head.used] = np.arange(len(head.used))
-    visibility = visibility.copy()
-    for (shows, hidden), members in zip(bared(posing, face), posing.eyeballs, strict=True):
-        rows, hidden = row_of[shows], hidden[row_of[hidden] >= 0]
-        arm = face[hidden] - sphere_centre(face[members])
-        turn = np.degrees(np.arccos(arm[:, 2] / np.linalg.norm(arm, axis=1)))
-        share = np.clip((RIM_DEG[1] - turn) / (RIM_DEG[1] - RIM_DEG[0]), 0, 1)[:, None]
-        lit, dark = np.median(visibility[rows[rows >= 0]], axis=0), visibility[row_of[hidden]]
-        visibility[row_of[hidden]] = dark + share * (lit - dark)
-        rows = rows[rows >= 0]
-        visibility[rows] = np.maximum(visibility[rows], SHOWN * lit)
-    return visibility
 
 
 def farthest(points: Floats, places: Floats) -> Floats:  # [n, 3] mm, [p, 3] mm -> [n] mm

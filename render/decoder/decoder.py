@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
-from render.decoder import highlights, neck
+from render.decoder import eyes, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
-from render.decoder.cover import Eye
+from render.decoder.eyes import Eye
 from render.decoder.identity import Identity
 from render.decoder.identity_cache import EMPTY, IdentityCache, reflected, static_cloud
 from render.decoder.kernels import light as kernels
@@ -191,8 +191,8 @@ class Decoder:
         opened = min(max((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0), 1)
         scaled(cache.opacities, self.interior, np.float32(opened), opacities)
         spots = slice(count, count + 2)
-        eyes = gaze, identity.eye_centers, cache.eye_sizes, highlights.HALF @ move[:, :3]
-        highlights.place(self.posing, vertices, *eyes, means[spots], opacities[spots])
+        looks = gaze, identity.eye_centers, cache.eye_sizes, eyes.HALF @ move[:, :3]
+        eyes.place_highlights(self.posing, vertices, *looks, means[spots], opacities[spots])
 
         strands = slice(len(means) - len(identity.beard), len(means))
         identity.beard.attach(vertices, means[strands], quats[strands])
@@ -218,7 +218,7 @@ class Decoder:
             bones = Neck(tuple(identity.eye_centers.mean(0).tolist()))
             rims = self.surface.interpolate @ identity.visibility[2:].T
             gloss = self.shares @ identity.gloss
-            sizes = highlights.eye_sizes(self.posing, identity.geometry, identity.eye_centers)
+            sizes = eyes.eye_sizes(self.posing, identity.geometry, identity.eye_centers)
             stretch = self.surface.interpolate @ bones.stretch(used)
             stretched = np.flatnonzero(stretch).astype(np.int32)
             cache = IdentityCache(

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array, diags_array, eye_array
 
 from render import wrinkles
-from render.decoder import density, surface
+from render.decoder import density, eyes, surface
 from render.decoder.coding import Coding
-from render.decoder.cover import bared, cover, eyes, lining, molars
+from render.decoder.cover import cover, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
@@ -93,7 +93,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         "opacities": opacities,
         "roughness": shares @ (t["anchor_roughness"].astype(np.float32) / np.float32(255)),
         "shares": shares,
-        "eyes": eyes(head, pose, regions["eyelids"], template(t)),
+        "eyes": eyes.build(head, pose, regions["eyelids"], template(t)),
         "interior": np.flatnonzero(t["anchor_inside"][rows]).astype(np.int32),
         "teeth_light": TeethLight.of(
             t["teeth_rows"], np.isin(head.used, regions["gums"]), template(t)[head.used], lips_mm
@@ -123,7 +123,7 @@ def light_to_vertex(t: Tensors, used: NDArray[np.int32], pose: Posing) -> csr_ar
     rows, texels, weights = t["teeth_rows"], t["teeth_texels"], t["teeth_light"]
     keep = np.ones(len(t["places"]), np.float32)
     keep[rows] = 0
-    keep[np.isin(used, np.concatenate([hidden for _, hidden in bared(pose, template(t))]))] = 0
+    keep[np.isin(used, np.concatenate([hidden for _, hidden in eyes.bared(pose, template(t))]))] = 0
     where = np.repeat(rows, len(texels)), np.tile(texels, len(rows))
     teeth = csr_array((weights.astype(np.float32).ravel(), where), to_vertices.shape)
     return csr_array(diags_array(keep) @ to_vertices + teeth, dtype=np.float32)

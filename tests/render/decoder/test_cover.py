@@ -11,8 +11,9 @@ from render import cameras
 from render.avatars import sheet
 from render.decoder import identity, prior_file
 from render.decoder import lines as contact
-from render.decoder.cover import bared, spacing
+from render.decoder.cover import spacing
 from render.decoder.decoder import Decoder
+from render.decoder.eyes import bared
 from render.decoder.learned import weights_file
 from render.types import AHEAD, Camera, Gaussians
 

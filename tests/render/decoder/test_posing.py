@@ -8,7 +8,7 @@ from render.avatars import sheet
 from render.avatars.sheet import gaze
 from render.decoder import identity, posing
 from render.decoder.decoder import Decoder
-from render.decoder.highlights import OPACITY as HIGHLIGHT_OPACITY
+from render.decoder.eyes import OPACITY as HIGHLIGHT_OPACITY
 from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, followed, limit
 from render.evaluation.metrics import LipCrossing
 from render.types import AHEAD
