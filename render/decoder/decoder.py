@@ -15,7 +15,7 @@ from scipy.sparse import csr_array
 
 from render.decoder import eyes, neck
 from render.decoder.coding import EXPRESSION_DIM, Coding
-from render.decoder.eyes import Eye
+from render.decoder.eyes import EyeParts
 from render.decoder.identity import Identity
 from render.decoder.identity_cache import EMPTY, IdentityCache, reflected, static_cloud
 from render.decoder.kernels import light as kernels
@@ -55,7 +55,7 @@ class Decoder:
     opacities: Floats  # [N]
     roughness: Floats  # [N] of reflecting Gaussians
     lighting: Lighting
-    eyes: list[Eye]  # left one first
+    eyes: list[EyeParts]  # left one first
     interior: Ints  # [I] Gaussians inside the mouth
     teeth_light: TeethLight
     tongue_light: TongueLight

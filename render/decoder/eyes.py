@@ -25,7 +25,7 @@ ON_CORNEA = 0.42  # of that radius, how far off the middle of an iris it may be
 LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
 
 
-class Eye(NamedTuple):
+class EyeParts(NamedTuple):
     """Gaussians of one eye."""
 
     ball: NDArray[np.intp]
@@ -38,8 +38,8 @@ def build(
     posing: Posing,
     eyelids: NDArray[np.int32],  # vertices
     mesh: Floats,  # [V, 3] mm
-) -> list[Eye]:
-    normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[Eye]()
+) -> list[EyeParts]:
+    normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[EyeParts]()
     points = head.interpolate @ mesh[head.used]
 
     def on(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
@@ -51,7 +51,7 @@ def build(
         lid, of_ball = on(np.intersect1d(eyelids, slides)), np.flatnonzero(on(ball))
         lining = np.flatnonzero(lid & inside)
         seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
-        out.append(Eye(of_ball, np.concatenate([of_ball, lining]), seen))
+        out.append(EyeParts(of_ball, np.concatenate([of_ball, lining]), seen))
     return out
 
 

@@ -12,8 +12,8 @@ from render.decoder.learned.atlas import HEIGHT, WIDTH
 from render.decoder.lines import Lips
 from render.decoder.posing import Posing, sphere_centre
 from render.teeth_light import scattered
+from render.training.data import contact_lines
 from render.training.data.face_data import SKIN_VERTICES, FaceData
-from render.training.geometry import contact_lines
 from render.training.look import mouth
 from render.types import Floats
 

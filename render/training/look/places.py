@@ -11,8 +11,8 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
+from render.training.data import contact_lines
 from render.training.data.face_data import SKIN_VERTICES, FaceData
-from render.training.geometry import contact_lines
 from render.types import Floats
 
 SIZE = 1024
