@@ -26,6 +26,7 @@ NECK_MM, NECK_SHARE = (-145.0, -95.0), 0.74  # height of the bare skin above a c
 HOLE = 1.15  # smallest standard deviation on lips, as a share of the way to the middle of a hole
 LOOSE_HOLE = 1.0  # the same of skin off the face
 LID_HOLE, FOLD_MM = 1.2, 6.5  # and of shut lids and the fold so near them: behind it is dark
+LID_MM = 1.5  # they are no wider: those deep in a corner of an eye would show as smudges
 HOLE_MM = 8.0  # a point farther than this from every Gaussian is not a hole
 SIXTHS = [(2, 2, 2), (3, 3, 0), (3, 0, 3), (0, 3, 3), (4, 1, 1), (1, 4, 1), (1, 1, 4)]
 PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
@@ -74,16 +75,16 @@ def cover(
         wings = of_kind & on_face & ~covers & by_bare
         if kind == mesh_parts.SKIN:
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
-            for among, which, own, share in (
-                (of_kind & on_lips, on_lips, lips, HOLE),
-                (of_kind & by_lids, by_lids, beside, LID_HOLE),
-                (of_kind, loose, skin, LOOSE_HOLE),
+            for among, which, own, share, most in (
+                (of_kind & on_lips, on_lips, lips, HOLE, np.inf),
+                (of_kind & by_lids, by_lids, beside, LID_HOLE, LID_MM),
+                (of_kind, loose, skin, LOOSE_HOLE, np.inf),
             ):
                 around = head.whole.corners[np.isin(head.whole.corners, own).all(1)]
                 places = (PLACES @ shut[around]).reshape(-1, 3)
                 holes = np.zeros_like(widths)
                 holes[among] = farthest(points[among], places.astype(np.float32))
-                wide = np.where(which, share * holes / shut_stretch, 0)
+                wide = np.where(which, np.minimum(share * holes / shut_stretch, most), 0)
                 widths = np.maximum(widths, wide.astype(np.float32))
         for which, share, least in (
             (covers, SHARE, OPACITY),
