@@ -23,7 +23,7 @@ from render.decoder.kernels.surface import scaled
 from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
-from render.decoder.posing import Posing, followed
+from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, SHEEN, Lighting
 from render.teeth_light import TeethLight
@@ -122,16 +122,8 @@ class Decoder:
         identity: Identity,
     ) -> Floats:  # [V, 3] mm, head at rest
         """The mesh's vertices."""
-        return self.posing.pose(self._posed(expression, gaze), gaze, identity.rest)
-
-    def _posed(self, expression: Floats, gaze: Floats) -> Floats:  # [256], [2, 3] -> [R]
-        """Rig activations, the tongue's among them, with lids that go with the eyes."""
-        return followed(expression.astype(np.float32) @ self.coding.to_rig, gaze, self.looks)
-
-    @cached_property
-    def looks(self) -> Ints:  # [2, 2]
-        names = [[f"eyeLook{way}_{side}" for way in ("Up", "Down")] for side in "LR"]
-        return np.array([[self.rig_names.index(name) for name in eye] for eye in names], np.int32)
+        rig = expression.astype(np.float32) @ self.coding.to_rig
+        return self.posing.pose(rig, gaze, identity.rest)
 
     def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
         """Shares of the sky, of the key light and the rims that reach each used vertex."""
@@ -163,7 +155,7 @@ class Decoder:
 
         With `reuse` these are the last such call's arrays for this identity, overwritten.
         """
-        rig, cache = self._posed(expression, gaze), self.cached(identity)
+        rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
         vertices = self.posing.pose(rig, gaze, identity.rest)
         fixed = identity, cache, self.roughness, self.lighting
         cloud = cache.cloud if reuse else static_cloud(*fixed)

@@ -25,6 +25,7 @@ MOST_MM = np.float32(1.1)  # that it may stand out: a cornea of more pokes throu
 # Pupils point so far outward of where one looks (angle kappa: 4 to 6 degrees in adults); without it
 # faces seem cross-eyed. Of these the least: who looks ahead here then seems to look at the viewer.
 KAPPA_DEG = 4.0
+LOOKS = [[f"eyeLook{way}_{side}" for way in ("Up", "Down")] for side in "LR"]
 LIDS_RAD = 0.5  # of a gaze up or down that eyeLookUp and eyeLookDown follow in full
 OVERSHOOT = 0.25  # how far beyond the limit an activation can get
 
@@ -51,6 +52,7 @@ class Posing:
     lid_lines: tuple[Line, Line]
     blinks: tuple[int, int]  # rig columns of eyeBlink, left eye first
     jaw: tuple[int, int]  # rig columns of jawOpen and of mouthClose, which only undoes it
+    looks: Ints  # [2, 2] rig columns of eyeLookUp and eyeLookDown, left eye first
 
     def rest(self, geometry: Floats, sealed: bool = False) -> Rest:
         """A person from a neutral geometry [V, 3] mm; lips are sealed unless they are already,
@@ -78,8 +80,9 @@ class Posing:
         return draft
 
     def pose(self, rig: Floats, gaze: Floats, rest: Rest) -> Floats:
-        """rig [R], gaze [2, 3] unit vectors -> vertices [V, 3] mm, head at rest."""
-        vertices = self._blendshapes(self.limited(rig), rest)
+        """rig [R], gaze [2, 3] unit vectors -> vertices [V, 3] mm, head at rest. Lids go up and
+        down with the eyes, at least."""
+        vertices = self._blendshapes(self.limited(followed(rig, gaze, self.looks)), rest)
         self.mouth.part(vertices)
         self.lips.part(vertices, rest.geometry)
         for line in self.lid_lines:
@@ -153,8 +156,7 @@ def limit(rig: Floats) -> Floats:
 
 
 def followed(rig: Floats, gaze: Floats, looks: Ints) -> Floats:
-    """[R], [2, 3] unit -> [R] whose lids go up and down with the eyes, at least; `looks`: the
-    columns [2, 2] of eyeLookUp and eyeLookDown of each eye."""
+    """[R], [2, 3] unit -> [R] whose lids go up and down with the eyes; looks: see Posing."""
     up = np.arcsin(gaze[:, 1].clip(-1, 1)) / np.float32(LIDS_RAD)
     out = rig.copy()
     out[looks] = np.maximum(rig[looks], np.stack([up, -up], 1).clip(0, 1))

@@ -15,7 +15,7 @@ from render.decoder.cover import cover, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
-from render.decoder.posing import GEOMETRY_STEPS, Posing
+from render.decoder.posing import GEOMETRY_STEPS, LOOKS, Posing
 from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import Density
@@ -37,7 +37,7 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
         for name in t
         if name.startswith("region_")
     }
-    faces, pose = t["faces"].astype(np.int32), posing(t, regions)
+    faces, pose = t["faces"].astype(np.int32), posing(t, regions, card["rig_names"])
     head = surface.build(
         mesh=template(t),
         faces=faces,
@@ -134,7 +134,7 @@ def template(t: Tensors) -> NDArray[np.float32]:  # [V, 3] mm
     return t["template"].astype(np.float32) / GEOMETRY_STEPS
 
 
-def posing(t: Tensors, regions: dict[str, NDArray[np.int32]]) -> Posing:
+def posing(t: Tensors, regions: dict[str, NDArray[np.int32]], rig_names: list[str]) -> Posing:
     rows = t["geometry_rows"]
     basis = csr_array(
         (t["basis_values"].astype(np.float32), t["basis_columns"].astype(np.int32), rows),
@@ -149,4 +149,5 @@ def posing(t: Tensors, regions: dict[str, NDArray[np.int32]]) -> Posing:
         lid_lines=(Line.of(t, "lid_l"), Line.of(t, "lid_r")),
         blinks=(int(t["columns"][0]), int(t["columns"][1])),
         jaw=(int(t["columns"][2]), int(t["columns"][3])),
+        looks=np.array([[rig_names.index(name) for name in eye] for eye in LOOKS], np.int32),
     )

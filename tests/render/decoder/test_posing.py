@@ -149,7 +149,7 @@ def test_the_highlight_stays_on_the_cornea(decoder):
 
 
 def test_lids_go_with_the_eyes(decoder):
-    looks, still = decoder.looks, np.zeros(len(decoder.posing.full_blink()), np.float32)
+    looks, still = decoder.posing.looks, np.zeros(len(decoder.posing.full_blink()), np.float32)
     up, down = (followed(still, gaze(20, pitch), looks)[looks] for pitch in (15, -15))
     assert (up[:, 0] > 0.3).all() and (down[:, 1] > 0.3).all()
     assert (up[:, 1] == 0).all() and (down[:, 0] == 0).all()
