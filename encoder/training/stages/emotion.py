@@ -26,7 +26,7 @@ from encoder.training.stages.diffusion import fold_gaze
 from encoder.training.streams.emotion import EmotionStreams
 from sensors.types import InputError
 
-KEPT_WEIGHT = 9.0  # mm: closures are rare, and a small gap undoes them
+KEPT_WEIGHT = 40.0  # mm: closures are rare, and a small gap undoes them
 CONVOLUTION_RATE = 1e-2
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
