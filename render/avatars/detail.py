@@ -25,13 +25,13 @@ EYE_VIEWS_DEG = ((0, 0), (0, 0), (0, 0), (-28, -14), (28, 14), (-28, 14), (28, -
 NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
 PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
-STAY, STEPS = 0.22, 20  # how much a colour that stays is worth; of least squares
+STAY, STEPS = 0.11, 40  # how much a colour that stays is worth; of least squares
 THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
 LEAST, MOST = 0.75, 1.22  # gain of wide Gaussians: each is seen as a dot
 EYES = 0.3, 1.9  # of those on eyes
 # Texels of an eye's picture: how sharp it is to be seen, and how near a Gaussian its colour must be
 # found: what is darker than a pupil or a rim would draw the look aside.
-EYE_BLUR, EYE_REACH = 3.5, 5
+EYE_BLUR, EYE_REACH = 2.5, 5
 SEAM = 1e-3  # of texture coordinates
 ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
 

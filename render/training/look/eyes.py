@@ -35,12 +35,12 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
     outside, inside = (np.array(c, np.float32) for c in COLORS[name])
     collar = 0.75 * np.clip(1 - inner / 0.45, 0, 1)[..., None]
     iris = (outside * (1 - collar) + inside * collar) * fibres[..., None]
-    iris = iris * (1 - LIMBUS * np.clip((radius - 0.74) / 0.20, 0, 1) ** 1.5)[..., None]
+    iris = iris * (1 - LIMBUS * np.clip((radius - 0.70) / 0.26, 0, 1) ** 1.5)[..., None]
     pupil = np.clip((radius - PUPIL) / 0.035, 0, 1)[..., None]
     iris = iris * pupil + (1 - pupil) * 0.004
     rim = np.clip((away - 30) / 45, 0, 1)[..., None]
     white = np.array(WHITE) * (1 - rim * np.array(RED)) * _veins(x, y, away)
-    edge = np.clip((1.055 - radius) / 0.10, 0, 1)
+    edge = np.clip((1.08 - radius) / 0.17, 0, 1)
     edge = (edge * edge * (3 - 2 * edge))[..., None]
     return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
 
