@@ -4,6 +4,7 @@ Linear blendshapes, then what makes them a face: eyeballs that turn, lids that s
 shut, lips that meet and never cross (`render/decoder/lines.py`).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import asin, atan2, cos, radians, sin
@@ -25,7 +26,6 @@ MOST_MM = np.float32(1.1)  # that it may stand out: a cornea of more pokes throu
 # Pupils point so far outward of where one looks (angle kappa: 4 to 6 degrees in adults); without it
 # faces seem cross-eyed. Of these the least: who looks ahead here then seems to look at the viewer.
 KAPPA_DEG = 4.0
-LOOKS = [[f"eyeLook{way}_{side}" for way in ("Up", "Down")] for side in "LR"]
 LIDS_RAD = 0.5  # of a gaze up or down that eyeLookUp and eyeLookDown follow in full
 OVERSHOOT = 0.25  # how far beyond the limit an activation can get
 
@@ -153,6 +153,11 @@ def limit(rig: Floats) -> Floats:
     low, high = SOFT_LIMIT
     inside = np.minimum(np.maximum(rig, np.float32(low)), np.float32(high))
     return inside + np.float32(OVERSHOOT) * np.tanh((rig - inside) / np.float32(OVERSHOOT))
+
+
+def look_columns(rig_names: Sequence[str]) -> Ints:  # [2, 2] see Posing.looks
+    names = [[f"eyeLook{way}_{side}" for way in ("Up", "Down")] for side in "LR"]
+    return np.array([[rig_names.index(name) for name in eye] for eye in names], np.int32)
 
 
 def followed(rig: Floats, gaze: Floats, looks: Ints) -> Floats:

@@ -15,7 +15,7 @@ from render.decoder.cover import cover, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.lines import Line, Lips
-from render.decoder.posing import GEOMETRY_STEPS, LOOKS, Posing
+from render.decoder.posing import GEOMETRY_STEPS, Posing, look_columns
 from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import Density
@@ -149,5 +149,5 @@ def posing(t: Tensors, regions: dict[str, NDArray[np.int32]], rig_names: list[st
         lid_lines=(Line.of(t, "lid_l"), Line.of(t, "lid_r")),
         blinks=(int(t["columns"][0]), int(t["columns"][1])),
         jaw=(int(t["columns"][2]), int(t["columns"][3])),
-        looks=np.array([[rig_names.index(name) for name in eye] for eye in LOOKS], np.int32),
+        looks=look_columns(rig_names),
     )

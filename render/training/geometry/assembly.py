@@ -10,7 +10,7 @@ from scipy.sparse import csr_array
 from render.decoder import mesh_parts, surface
 from render.decoder.learned.atlas import HEIGHT, WIDTH
 from render.decoder.lines import Lips
-from render.decoder.posing import LOOKS, Posing, sphere_centre
+from render.decoder.posing import Posing, look_columns, sphere_centre
 from render.teeth_light import scattered
 from render.training.data import contact_lines
 from render.training.data.face_data import SKIN_VERTICES, FaceData
@@ -142,7 +142,7 @@ def posing(face: FaceData) -> Posing:
         lid_lines=(contact_lines.lid(face, "l"), contact_lines.lid(face, "r")),
         blinks=(column("eyeBlink_L"), column("eyeBlink_R")),
         jaw=(column("jawOpen"), column("mouthClose")),
-        looks=np.array([[column(name) for name in eye] for eye in LOOKS], np.int32),
+        looks=look_columns(face.rig_names),
     )
 
 
