@@ -27,8 +27,9 @@ PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
 LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
 STAY, STEPS = 0.11, 40  # how much a colour that stays is worth; of least squares
 THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
-LEAST, MOST = 0.75, 1.22  # gain of wide Gaussians: each is seen as a dot
-EYES = 0.3, 1.9  # of those on eyes
+# Least and largest gain: a single Gaussian beyond is a grain of salt or soot on the skin.
+SKIN, WIDE, EYES = (0.85, 1.05), (0.8, 1.1), (0.3, 1.9)
+ROUNDS = 3  # of least squares: what gains at a limit may not do, others make up for
 # Texels of an eye's picture: how sharp it is to be seen, and how near a Gaussian its colour must be
 # found: what is darker than a pupil or a rim would draw the look aside.
 EYE_BLUR, EYE_REACH = 2.5, 5
@@ -135,7 +136,7 @@ def composited(
 
 def card() -> dict[str, float]:
     """What to tell beside an avatar about how its colours were made."""
-    return {"places": DENSITY, "stay": STAY, "steps": STEPS}
+    return {"places": DENSITY, "stay": STAY, "steps": STEPS, "rounds": ROUNDS}
 
 
 def sharpened(
@@ -145,7 +146,7 @@ def sharpened(
     wanted: Floats,  # [S, 3] what is to be seen at its places
 ) -> Floats:  # [N, 3]
     """Colours that show the detail: brighter or darker, in the hue that they have."""
-    return np.clip(albedo * gains(albedo, free, of, wanted)[:, None], 0, 1)
+    return np.clip(albedo * gains(albedo, free, of, wanted, SKIN)[:, None], 0, 1)
 
 
 def gains(
@@ -153,12 +154,21 @@ def gains(
     free: NDArray[np.bool_],  # [N]
     of: Blend,
     wanted: Floats,  # [S, 3]
+    limits: tuple[float, float],
 ) -> Floats:  # [N]
     """The same as factors of brightness: 1 where nothing changes."""
-    change = _solved(of, free, (wanted - of.shares @ albedo) @ LUMINANCE)
+    bright, rows = np.maximum(albedo[free] @ LUMINANCE, 0.05), np.flatnonzero(free)
+    low, high = ((limit - 1) * bright for limit in limits)
+    missing, change = (wanted - of.shares @ albedo) @ LUMINANCE, np.zeros(len(rows))
+    moving = np.ones(len(rows), bool)
+    for _ in range(ROUNDS):
+        left = missing - of.shares[:, rows] @ change
+        change[moving] += _solved(of, rows[moving], left)
+        change = change.clip(low, high)
+        moving = (change > low) & (change < high)
     out = np.ones(len(albedo), np.float32)
-    out[free] += (change / np.maximum(albedo[free] @ LUMINANCE, 0.05)).astype(np.float32)
-    return np.maximum(out, 0)
+    out[free] += (change / bright).astype(np.float32)
+    return out
 
 
 def repainted(
@@ -172,14 +182,13 @@ def repainted(
     out = albedo.copy()
     for channel in range(3):
         missing = wanted[:, channel] - of.shares @ albedo[:, channel]
-        out[free, channel] += _solved(of, free, missing).astype(np.float32)
+        out[free, channel] += _solved(of, np.flatnonzero(free), missing).astype(np.float32)
     out[free] = np.clip(out[free], *bounds)
     return out
 
 
-def _solved(of: Blend, free: NDArray[np.bool_], missing: Floats) -> Floats:
-    """[S] -> the change [free] of colours that makes up for it, as far as they may change."""
+def _solved(of: Blend, rows: NDArray[np.intp], missing: Floats) -> Floats:
+    """[S] -> the change [rows] of colours that makes up for it, as far as they may change."""
     from scipy.sparse.linalg import lsmr
 
-    shares = of.shares[:, np.flatnonzero(free)]
-    return lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]
+    return lsmr(of.shares[:, rows], missing, damp=STAY, maxiter=STEPS)[0]

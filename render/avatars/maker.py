@@ -169,12 +169,11 @@ class Maker:
             eyes = shown[np.asarray(known.query(of_eyes.uv)[1])]
             skins = textures.sample(skin, of.uv * detail.ATLAS)
             for which, blend, wanted, limits in (
-                (self.face, of, skins, (detail.LEAST, detail.MOST)),
+                (self.face, of, skins, detail.WIDE),
                 (eye, of_eyes, eyes, detail.EYES),
             ):
                 free = shares @ which.astype(np.float32) > 0.99
-                solved = detail.gains(colors, free, blend, wanted)
-                gains[free] = solved[free].clip(*limits)
+                gains[free] = detail.gains(colors, free, blend, wanted, limits)[free]
             out[preset] = gains
         return out
 

@@ -53,7 +53,7 @@ def test_a_sheet_shows_its_texture_in_its_own_hue():
     normals = np.tile(np.array([0, 0, 1], np.float32), (len(points), 1))
     uv = (points[:, :2] / SIDE).astype(np.float32)
     coarse = textures.soft(rng.random((96, 192, 1)).astype(np.float32), 2.5)
-    coarse = 0.5 + 0.12 * (coarse - coarse.mean()) / coarse.std()
+    coarse = 0.5 + 0.03 * (coarse - coarse.mean()) / coarse.std()
     skin = np.clip(coarse * np.array([1.2, 0.9, 0.7]), 0, 1).astype(np.float32)
     blend = detail.blend(drawn, shares_of(drawn), points, normals, uv)
     np.testing.assert_allclose(blend.shares.sum(1), 1, atol=1e-5)
@@ -69,6 +69,16 @@ def test_a_sheet_shows_its_texture_in_its_own_hue():
     np.testing.assert_allclose(hue[0], hue[1], atol=1e-5)
     again = detail.sharpened(albedo, free, blend, seen)
     assert (again == sharp).all()
+
+    def gains(low: float, high: float) -> np.ndarray:
+        return detail.gains(albedo, free, blend, seen, (low, high))
+
+    limits, alone = (0.93, 1.03), gains(0, 9)
+    limited, cut = gains(*limits), alone.clip(*limits)
+    assert alone.min() < limits[0] and alone.max() > limits[1]  # no grains of salt or soot
+    assert limited.min() > limits[0] - 1e-5 and limited.max() < limits[1] + 1e-5
+    off = [np.square(blend.shares @ (albedo * g[:, None]) - seen).sum() for g in (limited, cut)]
+    assert off[0] < 0.99 * off[1]  # others make up for it
 
 
 def test_an_eye_keeps_its_own_hues():
