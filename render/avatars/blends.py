@@ -12,7 +12,6 @@ from render.decoder import mesh_parts, prior_file
 from render.decoder.surface import Surface
 from render.types import Density
 
-
 _known: dict[str, "dict[Density, Blends]"] = {}  # of the last prior
 
 

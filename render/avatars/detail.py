@@ -16,7 +16,7 @@ from scipy.sparse import csr_array, vstack
 from render.decoder.cover import nearest
 from render.decoder.surface import Surface
 from render.lighting import LUMINANCE
-from render.types import Density, Floats
+from render.types import Density, Doubles, Floats
 
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
@@ -115,7 +115,7 @@ def composited(
     near: NDArray[np.intp],  # [S, K] Gaussians around each place
     points: Floats,  # [S, 3] mm
     towards: Floats,  # [3] unit: the viewer
-) -> tuple[NDArray[np.intp], Floats]:
+) -> tuple[NDArray[np.intp], Doubles]:
     """The same Gaussians front to back [S, K], and the share of each in what is seen [S, K]."""
     depth = gaussians.points[near] @ towards
     near = np.take_along_axis(near, np.argsort(-depth, axis=1), 1)

@@ -26,6 +26,7 @@ Tensors = dict[str, NDArray[Any]]
 KNOWN = 4  # every density, and the order of the file
 _known: dict[tuple[str, Density | None], dict[str, Any]] = {}  # the last ones
 
+
 def load(folder: Path, gaussians: Density) -> dict[str, Any]:
     """The fields of render.decoder.decoder.Decoder."""
     return parts(*weights_file.load(folder / "prior", KIND), gaussians)
