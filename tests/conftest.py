@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from render.decoder.decoder import Decoder
 
 # Before torch is there, and for the programs that tests start: tests run side by side, and threads
-# that wait for each other's core spin; a training test then took six times as much of the processor.
+# that wait for a core spin: a test of training took six times as much of the processor.
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("suite", deadline=None)  # a busy machine is slow
 settings.load_profile("suite")
