@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -10,6 +11,9 @@ from hypothesis import settings
 if TYPE_CHECKING:
     from render.decoder.decoder import Decoder
 
+# Before torch is there, and for the programs that tests start: tests run side by side, and threads
+# that wait for a core spin: a test of training took six times as much of the processor.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 settings.register_profile("suite", deadline=None)  # a busy machine is slow
 settings.load_profile("suite")
 

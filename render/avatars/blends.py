@@ -12,6 +12,8 @@ from render.decoder import mesh_parts, prior_file
 from render.decoder.surface import Surface
 from render.types import Density
 
+_known: dict[str, "dict[Density, Blends]"] = {}  # of the last prior
+
 
 class Blends(NamedTuple):
     """Of one density: of the colours that a file holds for the densest, of those that are drawn
@@ -27,6 +29,16 @@ def of_densities(
     card: dict[str, Any],
     surface: Surface,  # of all Gaussians, in the order of the file
     face: NDArray[np.bool_],  # [N] those on the skin of the face
+) -> dict[Density, Blends]:
+    """It takes seconds: a process computes it once."""
+    if card["sha256"] not in _known:
+        _known.clear()
+        _known[card["sha256"]] = _of_densities(t, card, surface, face)
+    return _known[card["sha256"]]
+
+
+def _of_densities(
+    t: prior_file.Tensors, card: dict[str, Any], surface: Surface, face: NDArray[np.bool_]
 ) -> dict[Density, Blends]:
     mesh, faces = prior_file.template(t), t["faces"].astype(np.int32)
     uv = np.zeros((len(mesh), 2), np.float32)

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
+from render.decoder.cover import nearest
 from render.decoder.surface import Surface
 from render.lighting import LUMINANCE
-from render.types import Density, Floats
+from render.types import Density, Doubles, Floats
 
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
@@ -88,14 +89,11 @@ def blend(
     views_deg: tuple[tuple[int, int], ...] = VIEWS_DEG,
 ) -> Blend:
     """Gaussians composited front to back at every place, once for each view that it faces."""
-    from scipy.spatial import KDTree
-
     found: list[NDArray[np.intp]] = []
     for layer, count in ((~gaussians.below, NEAR), (gaussians.below, NEAR_BELOW)):
         rows = np.flatnonzero(layer & among)
         if len(rows):
-            near = KDTree(gaussians.points[rows]).query(points, k=count)[1]
-            found.append(rows[np.asarray(near)])
+            found.append(rows[nearest(gaussians.points[rows], points, count)[1]])
     near = np.concatenate(found, 1)
     parts, seen_at = list[csr_array](), list[Floats]()
     for yaw, pitch in np.radians(views_deg):
@@ -118,17 +116,19 @@ def composited(
     near: NDArray[np.intp],  # [S, K] Gaussians around each place
     points: Floats,  # [S, 3] mm
     towards: Floats,  # [3] unit: the viewer
-) -> tuple[NDArray[np.intp], Floats]:
+) -> tuple[NDArray[np.intp], Doubles]:
     """The same Gaussians front to back [S, K], and the share of each in what is seen [S, K]."""
     depth = gaussians.points[near] @ towards
-    order = np.argsort(-depth, axis=1)
-    near = np.take_along_axis(near, order, 1)
-    off, flat = points[:, None] - gaussians.points[near], gaussians.normals[near]
-    cosine = np.maximum(flat @ towards, LEAST_COSINE)
-    off -= ((off * flat).sum(2) / cosine)[:, :, None] * towards  # along the ray, to its plane
-    width = gaussians.widths[near] ** 2
-    spread = width + np.where(gaussians.below[near], 0, PIXEL_MM**2)
-    alpha = gaussians.opacities[near] * width / spread * np.exp(-0.5 * (off**2).sum(2) / spread)
+    near = np.take_along_axis(near, np.argsort(-depth, axis=1), 1)
+    off = [points[:, c, None] - gaussians.points[:, c][near] for c in range(3)]
+    flat = [gaussians.normals[:, c][near] for c in range(3)]
+    cosine = np.maximum(gaussians.normals @ towards, LEAST_COSINE)[near]
+    along = sum(o * n for o, n in zip(off, flat, strict=True)) / cosine
+    away = sum((o - along * t) ** 2 for o, t in zip(off, towards, strict=True))  # in its plane
+    width = gaussians.widths**2
+    spread = width + np.where(gaussians.below, 0, PIXEL_MM**2)
+    peak, spread = (gaussians.opacities * width / spread)[near], spread[near]
+    alpha = peak * np.exp(-0.5 * away / spread)
     alpha[alpha < LEAST_ALPHA] = 0
     left = np.cumprod(1 - alpha, axis=1)
     return near, alpha * np.concatenate([np.ones_like(left[:, :1]), left[:, :-1]], 1)

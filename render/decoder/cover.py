@@ -64,15 +64,15 @@ def cover(
     beside = folded(head, lids, front, mean_face)
     by_lids = head.interpolate @ np.isin(head.used, beside).astype(np.float32) > 0
     bare = ~layered & on_face
-    by_bare = KDTree(points[bare]).query(points)[0] < WING_MM
+    by_bare = KDTree(points[bare]).query(points, distance_upper_bound=WING_MM)[0] < WING_MM
     neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
     for kind in (mesh_parts.SKIN, mesh_parts.EYE):
         of_kind = kinds == kind
-        apart = np.zeros_like(widths)
-        apart[of_kind] = spacing(points[of_kind])
         covers = of_kind & (on_lids | on_lips | (kind == mesh_parts.EYE))
         loose = of_kind & ~(covers | on_face)
         wings = of_kind & on_face & ~covers & by_bare
+        apart, wanted = np.zeros_like(widths), covers | loose | wings
+        apart[wanted] = spacing(points[wanted], points[of_kind])
         if kind == mesh_parts.SKIN:
             skin = head.used[np.unique(head.interpolate[of_kind].indices)]
             for among, which, own, share, most in (
@@ -104,7 +104,8 @@ def folded(
     from scipy.spatial import KDTree
 
     skin = np.intersect1d(head.used, front)
-    return skin[np.asarray(KDTree(mean_face[lids]).query(mean_face[skin])[0]) < FOLD_MM]
+    found = KDTree(mean_face[lids]).query(mean_face[skin], distance_upper_bound=FOLD_MM)
+    return skin[np.isfinite(found[0])]
 
 
 def inner(
@@ -115,7 +116,8 @@ def inner(
 
     skin = np.unique(head.interpolate[kinds == mesh_parts.SKIN].indices)
     beyond = mean_face[np.setdiff1d(head.used[skin], front)]
-    return front[np.asarray(KDTree(beyond).query(mean_face[front])[0]) > RIM_MM]
+    found = KDTree(beyond).query(mean_face[front], distance_upper_bound=RIM_MM)
+    return front[np.isinf(found[0])]
 
 
 def molars(
@@ -153,13 +155,14 @@ def lining(
     shut = np.zeros_like(posing.full_blink())
     opened = shut.copy()
     opened[posing.jaw[0]] = 1
+    low, high = LINING_MM
     rest, near = posing.rest(mean_face, sealed=True), np.full(len(head.scales), np.inf, np.float32)
     lines = inside & (head.interpolate @ flesh.astype(np.float32) < 0.01)
     skin = head.interpolate @ front.astype(np.float32) > WHOLLY
     for rig in (shut, opened):
         points = head.interpolate @ posing.pose(rig, AHEAD, rest)[head.used]
-        near[lines] = np.minimum(near[lines], KDTree(points[skin]).query(points[lines])[0])
-    low, high = LINING_MM
+        found = KDTree(points[skin]).query(points[lines], distance_upper_bound=high)
+        near[lines] = np.minimum(near[lines], found[0])
     return np.clip((near - low) / (high - low), 0, 1).astype(np.float32)
 
 
@@ -175,9 +178,9 @@ def farthest(points: Floats, places: Floats) -> Floats:  # [n, 3] mm, [p, 3] mm 
     return out
 
 
-def spacing(points: Floats) -> Floats:  # [n, 3] mm -> [n] mm
-    """Mean distance to the nearest neighbours."""
-    distance, _ = nearest(points, points, NEIGHBOURS + 1)
+def spacing(points: Floats, among: Floats | None = None) -> Floats:  # [n, 3] mm -> [n] mm
+    """Mean distance to the nearest neighbours, of these points or of more [m, 3] mm."""
+    distance, _ = nearest(points if among is None else among, points, NEIGHBOURS + 1)
     return distance[:, 1:].mean(1).astype(np.float32)
 
 
@@ -193,7 +196,8 @@ def nearest(
     """
     from scipy.spatial import KDTree
 
-    order = KDTree(queries).indices
-    distance, rows = KDTree(points).query(queries[order], k=count)
+    tree = KDTree(points)
+    order = (tree if queries is points else KDTree(queries)).indices
+    distance, rows = tree.query(queries[order], k=count)
     back, shape = np.argsort(order), (len(queries), count)
     return np.reshape(distance, shape)[back], np.reshape(rows, shape)[back]

@@ -122,13 +122,12 @@ def thick(
     """Where the skin has room below: on the face, where it is flat, off lids and lips."""
     points, normals = mesh[head.used], head.whole.normals(mesh)[0]
     on_face, on_edge = np.isin(head.used, face), np.isin(head.used, edges)
-    near = KDTree(points).query_ball_point(points[on_face], NEAR_MM)
-    room = np.zeros(len(points), np.float32)
-    room[on_face] = [
-        not on_edge[n].any() and (normals[n] @ normals[row]).min() > FLAT
-        for row, n in zip(np.flatnonzero(on_face), near, strict=True)
-    ]
-    return (kinds == mesh_parts.SKIN) & (head.interpolate @ room > 0.99)
+    a, b = KDTree(points).query_pairs(NEAR_MM, output_type="ndarray").T
+    bent = np.einsum("nc,nc->n", normals[a], normals[b]) <= FLAT
+    room = on_face & ~on_edge
+    room[a[bent | on_edge[b]]] = False
+    room[b[bent | on_edge[a]]] = False
+    return (kinds == mesh_parts.SKIN) & (head.interpolate @ room.astype(np.float32) > 0.99)
 
 
 def groups(
@@ -136,7 +135,7 @@ def groups(
     mesh: Floats,  # [V, 3] mm, the mean face
     kinds: NDArray[np.integer],  # [N] see mesh_parts
     face: NDArray[np.int32],  # vertices
-    edges: NDArray[np.int32],  # of lids and lips
+    deep: NDArray[np.bool_],  # [N] see thick
 ) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:  # [N] each
     """Skin of the face where no layer lies below it: lips, lids, nostrils; and skin off the face
     and the scalp."""
@@ -145,7 +144,7 @@ def groups(
     points[:, 0] = np.abs(points[:, 0])
     scalp = (points[:, 1] > SCALP_MM) & ~((points > low) & (points < high)).all(1)
     on_face = head.interpolate @ np.isin(head.used, face).astype(np.float32) > 0
-    return skin & on_face & ~thick(head, mesh, kinds, face, edges), skin & ~on_face & ~scalp
+    return skin & on_face & ~deep, skin & ~on_face & ~scalp
 
 
 def layered(

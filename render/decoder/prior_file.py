@@ -23,6 +23,8 @@ from render.types import Density
 KIND = "prior"
 LIPS_MM = 18.0  # from their middle: farther out the lining of the mouth keeps its corners dark
 Tensors = dict[str, NDArray[Any]]
+KNOWN = 4  # every density, and the order of the file
+_known: dict[tuple[str, Density | None], dict[str, Any]] = {}  # the last ones
 
 
 def load(folder: Path, gaussians: Density) -> dict[str, Any]:
@@ -31,7 +33,18 @@ def load(folder: Path, gaussians: Density) -> dict[str, Any]:
 
 
 def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) -> dict[str, Any]:
-    """The same from what was read; without a preset in the order of the file."""
+    """The same from what was read; without a preset in the order of the file.
+
+    It takes a second: a process computes it once. Nobody changes the arrays."""
+    key = card["sha256"], gaussians
+    if key not in _known:
+        if len(_known) >= KNOWN:
+            _known.pop(next(iter(_known)))
+        _known[key] = _parts(t, card, gaussians)
+    return dict(_known[key])
+
+
+def _parts(t: Tensors, card: dict[str, Any], gaussians: Density | None) -> dict[str, Any]:
     regions = {
         name.removeprefix("region_"): t[name].astype(np.int32)
         for name in t
@@ -55,13 +68,13 @@ def parts(t: Tensors, card: dict[str, Any], gaussians: Density | None = None) ->
     rows = np.arange(len(opacities))
     lips = np.concatenate([regions["lips"], regions["inner_mouth_lip_roll"]])
     edges, face = np.concatenate([regions["eyelids"], lips]), regions["narrow_face"]
+    deep = density.thick(head, template(t), kinds, face, edges)
     if gaussians:
-        groups = density.groups(head, template(t), kinds, face, edges)
+        groups = density.groups(head, template(t), kinds, face, deep)
         rows, shares, widths, opacities = density.choose(
             head, template(t), kinds, opacities, *groups, gaussians
         )
-        head = replace(head.take(rows), scales=widths)
-    deep = density.thick(head, template(t), kinds[rows], face, edges)
+        head, deep = replace(head.take(rows), scales=widths), deep[rows]
     widths, opacities = cover(
         head, opacities, kinds[rows], regions["eyelids"], lips, face, deep, pose, template(t)
     )

@@ -2,6 +2,7 @@
 
 import importlib.util
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -47,10 +48,13 @@ def test_nobody_is_replaced_unasked(files: dict[str, Path]) -> None:
     """Red before: `create ben` took the place of the shipped one."""
     with pytest.raises(InputError, match="shipped"):
         CreateAvatar(name="ben", **files).run()
-    CreateAvatar(name="me", **files).run()
+    ada = identity.load("ada")
+    identity.save(replace(ada, name="me"), files["out"], {"command": "test"})
     with pytest.raises(InputError, match="--replace"):
         CreateAvatar(name="me", **files).run()
+    assert np.array_equal(identity.load("me", files["out"]).geometry, ada.geometry)
     CreateAvatar(name="me", replace=True, **files).run()
+    assert not np.array_equal(identity.load("me", files["out"]).geometry, ada.geometry)
 
 
 def test_a_scan_of_another_topology_becomes_an_avatar(

@@ -12,6 +12,7 @@ import torch
 
 from app.commands.eval import EvalSpeech
 from app.commands.train import Train
+from app.eval.speech import films
 from app.eval.speech.baselines import fed_causally_row, peer_row
 from app.eval.speech.settings import SpeechSettings
 from app.train.settings import Baseline
@@ -63,7 +64,8 @@ def train(data: Path, stage: str, **more: object) -> None:
 
 def evaluate(data: Path, *, report: Path | None = None, **more: Any) -> None:
     weights = data / "weights"
-    settings = SpeechSettings(weights=weights, samples=2, segments=2, report=report, **more)
+    given = {"samples": 2, "segments": 2, **more}
+    settings = SpeechSettings(weights=weights, report=report, **given)
     with contextlib.suppress(SystemExit):  # with weights of two steps, ours need not be first
         EvalSpeech(data=data, settings=settings).run()
 
@@ -95,13 +97,14 @@ def test_the_twins_stand_beside_ours(data, tmp_path):
     }  # fmt: skip
 
 
-def test_films_are_pairs_to_vote_on(data, tmp_path):
-    evaluate(data, peers=data / "peers", films=tmp_path)
+def test_films_are_pairs_to_vote_on(data, tmp_path, monkeypatch):
+    monkeypatch.setattr(films, "SIZE_PX", 96)
+    evaluate(data, peers=data / "peers", films=tmp_path, segments=1)
     pages = {path.name for path in tmp_path.glob("*.html")}
     assert pages == {"talkshow.html", "audio2photoreal.html", "diffposetalk.html"}
-    assert (tmp_path / "talkshow.html").read_text().count("data:video/mp4") >= 4
+    assert (tmp_path / "talkshow.html").read_text().count("data:video/mp4") == 4  # one of each kind
     with av.open(str(tmp_path / "ours" / "clip_00.mp4")) as video:
-        assert video.streams.video[0].frames == 100
+        assert video.streams.video[0].frames == 100 and video.streams.video[0].width == 96
         assert abs(float(video.duration) / av.time_base - 100 / 30) < 0.1
         loudest = max(float(np.abs(sound.to_ndarray()).max()) for sound in video.decode(audio=0))
         assert loudest > 0.1

@@ -12,6 +12,7 @@ from render.avatars import ply, scan, sheet
 from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
 from render.decoder.decoder import Decoder
+from render.decoder.identity import Identity
 from render.gl.contexts import GLContext
 from render.splats.shine import colors_from
 from render.types import FIELDS, Gaussians
@@ -31,6 +32,12 @@ def skin() -> np.ndarray:
     out = np.empty((1024, 2048, 3), np.float32)
     out[:, :1024], out[:, 1024:] = (0.8, 0.6, 0.5), (0.4, 0.3, 0.25)
     return out
+
+
+@pytest.fixture(scope="module")
+def bald(maker: avatar.Maker, skin: np.ndarray) -> Identity:
+    """Ben's head in that skin."""
+    return maker.identity("new", identity.load("ben").geometry, skin)
 
 
 def test_a_new_person_keeps_their_shape_and_takes_their_texture(maker, skin):
@@ -58,21 +65,19 @@ def test_a_tongue_is_redder_than_the_prior_knows_and_lower_teeth_darker(maker, s
     assert np.median(red / green) > 1.5  # 1.46 without
 
 
-def test_every_bust_ends_in_a_fade(maker, skin):
+def test_every_bust_ends_in_a_fade(maker, bald):
     """Red before: only those that are shipped did; one made from a scan had a torn edge."""
     head = maker.surface
     heights = head.interpolate @ maker.template[head.used, 1]
-    made = maker.identity("new", identity.load("kofi").geometry, skin)
-    for who in (made, *map(identity.load, identity.shipped())):
+    for who in (bald, *map(identity.load, identity.shipped())):
         shown = who.opacity_factors
         assert shown[heights < -188].max() < 0.2 and (shown[heights < -188] > 0).any()
         assert 0.3 < shown[(heights > -182) & (heights < -178)].mean() < 0.7
         assert np.median(shown[heights > -165]) == 1
 
 
-def test_an_identity_survives_its_file(maker, skin, tmp_path):
+def test_an_identity_survives_its_file(bald, tmp_path):
     lender = identity.load("ada")
-    bald = maker.identity("new", identity.load("ben").geometry, skin)
     who = replace(bald, hair=transfer(lender, bald))
     identity.save(who, tmp_path, {"command": "test"})
     again = identity.load("new", tmp_path)
@@ -93,9 +98,9 @@ def test_borrowed_hair_follows_the_head():
     assert np.abs(moved.means[:, 1] - hair[:, 1]).max() < 1
 
 
-def test_skin_under_borrowed_hair_has_its_roots(maker, skin):
+def test_skin_under_borrowed_hair_has_its_roots(maker, bald):
     """Red before: a fair scalp shone through dark hair."""
-    bald, lender = maker.identity("new", identity.load("ben").geometry, skin), identity.load("chen")
+    lender = identity.load("chen")
     who = worn(maker, bald, lender)
     points = maker.surface.interpolate @ maker.template[maker.surface.used]
     crown, chin = points[:, 1] > 120, np.abs(points - (0, -75, 75)).max(1) < 15

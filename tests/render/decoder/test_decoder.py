@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from render.decoder import identity
+from render.decoder import identity, prior_file
 from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.decoder.learned import weights_file
 from render.decoder.posing import KAPPA_DEG, gaze_rotation
@@ -120,6 +120,24 @@ def broken(tmp_path: Path) -> Path:
     for suffix in (".safetensors", ".json"):
         shutil.copy((weights_file.FOLDER / "avatar_ben").with_suffix(suffix), tmp_path)
     return tmp_path / "avatar_ben"
+
+
+def test_parts_are_computed_once_for_each_file(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = list[tuple[str, object]]()
+
+    def compute(tensors: object, card: dict[str, str], gaussians: object) -> dict[str, object]:
+        made.append((card["sha256"], gaussians))
+        return {"of": made[-1]}
+
+    monkeypatch.setattr(prior_file, "_known", {})
+    monkeypatch.setattr(prior_file, "_parts", compute)
+    for card, gaussians in (("a", "32k"), ("a", "32k"), ("a", None), ("b", "32k"), ("a", "32k")):
+        found = prior_file.parts({}, {"sha256": card}, gaussians)
+        assert found.pop("of") == (card, gaussians)  # and what is taken out of it is not missed
+    assert made == [("a", "32k"), ("a", None), ("b", "32k")]
+    for card in ("c", "d", "e", "a"):
+        prior_file.parts({}, {"sha256": card}, "32k")
+    assert len(prior_file._known) == prior_file.KNOWN and made[-1] == ("a", "32k")
 
 
 def test_a_truncated_file_is_an_error(tmp_path: Path) -> None:
