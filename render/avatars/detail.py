@@ -157,13 +157,12 @@ def gains(
     limits: tuple[float, float],
 ) -> Floats:  # [N]
     """The same as factors of brightness: 1 where nothing changes."""
-    bright, rows = np.maximum(albedo[free] @ LUMINANCE, 0.05), np.flatnonzero(free)
+    shares, bright = of.shares[:, np.flatnonzero(free)], np.maximum(albedo[free] @ LUMINANCE, 0.05)
     low, high = ((limit - 1) * bright for limit in limits)
-    missing, change = (wanted - of.shares @ albedo) @ LUMINANCE, np.zeros(len(rows))
-    moving = np.ones(len(rows), bool)
+    missing, change = (wanted - of.shares @ albedo) @ LUMINANCE, np.zeros(len(bright))
+    moving = np.ones(len(bright), bool)
     for _ in range(ROUNDS):
-        left = missing - of.shares[:, rows] @ change
-        change[moving] += _solved(of, rows[moving], left)
+        change[moving] += _solved(shares[:, np.flatnonzero(moving)], missing - shares @ change)
         change = change.clip(low, high)
         moving = (change > low) & (change < high)
     out = np.ones(len(albedo), np.float32)
@@ -179,16 +178,16 @@ def repainted(
     bounds: tuple[Floats, Floats],  # [free, 3] each: darkest and lightest
 ) -> Floats:  # [N, 3]
     """Colours that show the detail in its own hues: an iris has a dark rim, and ends in white."""
-    out = albedo.copy()
+    out, shares = albedo.copy(), of.shares[:, np.flatnonzero(free)]
     for channel in range(3):
         missing = wanted[:, channel] - of.shares @ albedo[:, channel]
-        out[free, channel] += _solved(of, np.flatnonzero(free), missing).astype(np.float32)
+        out[free, channel] += _solved(shares, missing).astype(np.float32)
     out[free] = np.clip(out[free], *bounds)
     return out
 
 
-def _solved(of: Blend, rows: NDArray[np.intp], missing: Floats) -> Floats:
-    """[S] -> the change [rows] of colours that makes up for it, as far as they may change."""
+def _solved(shares: csr_array, missing: Floats) -> Floats:
+    """[S, n], [S] -> the change [n] of colours that makes up for it, as far as they may change."""
     from scipy.sparse.linalg import lsmr
 
-    return lsmr(of.shares[:, rows], missing, damp=STAY, maxiter=STEPS)[0]
+    return lsmr(shares, missing, damp=STAY, maxiter=STEPS)[0]
