@@ -10,12 +10,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from encoder.alive.alive import Alive, AliveState
 from encoder.alive.face import evened
+from encoder.beside import Beside
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
 from encoder.eyes.gaze_walk import GazeWalk, WalkState
@@ -66,6 +68,7 @@ class Driver:
         self.mean, self.std = mean, std
         self.graph = graph or GazeGraph.load()
         self.emotions, self.calibration, self.alive = emotions, calibration, alive
+        self._beside = Beside()
 
     def init_state(self, seed: int) -> DriverState:
         walk = GazeWalk(self.graph, seed)
@@ -86,9 +89,12 @@ class Driver:
         self, frame: SensorFrame, state: DriverState, timer: Timer = _untimed
     ) -> tuple[DrivenFrame, DriverState]:
         """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
+        looked = partial(self._look, frame, state, timer)
+        if isinstance(state.gaze, EyeState):
+            looked = self._beside.start(looked)
         with timer("audio"):
             features, backend_state = self.backend.audio(frame.audio, state.backend)
-        condition, gaze, gaze_state = self._look(frame, state, timer)
+        condition, gaze, gaze_state = looked()
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
             emotion, mood = self._emotion(frame.emotion, state.mood)

@@ -1,14 +1,17 @@
 """Smooth noise as a function of (seed, purpose, time): any frame can be computed alone."""
 
+from functools import lru_cache
+
 import numpy as np
 
 _STREAM = 5  # of Philox counters: 0 is the denoiser's noise, 2 the gaze walk
 
 
-def uniform(seed: int, kind: int, index: int, count: int = 1) -> list[float]:
+@lru_cache(maxsize=256)  # the knots of a frame are those of the one before, nearly always
+def uniform(seed: int, kind: int, index: int, count: int = 1) -> tuple[float, ...]:
     """`count` numbers of -1..1 of one index."""
     bits = np.random.Philox(key=seed, counter=[kind, 0, _STREAM, index])
-    return (2 * np.random.Generator(bits).random(count) - 1).tolist()
+    return tuple((2 * np.random.Generator(bits).random(count) - 1).tolist())
 
 
 def wander(seed: int, kind: int, frame: int, frames_a_knot: int) -> float:
