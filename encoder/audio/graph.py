@@ -1,13 +1,14 @@
 """One tick of the audio encoder as an ONNX graph.
 
 Frozen norms are folded into the convolutions, and these become one gather and one matrix product,
-which int8 needs.
+which int8 needs. What the graph remembers of a tick comes back to it ticks later, as inputs named
+by `ago` (audio_memory): nothing is shifted or copied meanwhile.
 """
 
 from __future__ import annotations
 
 from math import exp
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -23,22 +24,41 @@ if TYPE_CHECKING:
 EXACT_CONVS = 3  # they hear a click beside near silence, which one int8 scale cannot hold
 
 
+class Memory(NamedTuple):
+    """A tensor that every tick leaves behind."""
+
+    shape: list[int]
+    ages: tuple[int, ...] = (1,)  # ticks after which it is read
+
+
+def ago(name: str, age: int) -> str:
+    """The graph's input for what the memory `name` was so many ticks ago."""
+    return f"{name}_{age}"
+
+
 def _conv(
-    g: Graph, x: str, context: str, weights: Weights, name: str,
+    g: Graph, x: str, state: str, weights: Weights, name: str,
     time: int, stride: int, dilation: int,
     scale: Array | float = 1.0, shift: Array | float = 0.0, *, exact: bool = False,
+    ages: tuple[int, ...] = (),
 ) -> tuple[str, str]:  # fmt: skip
-    """Causal convolution of x [time, C] after context [n, C], then scale and shift a channel."""
+    """Causal convolution of x [time, C], then scale and shift a channel -> y, what is remembered.
+
+    ages: where each tap hears a whole tick, all taps' but the newest's, in ticks.
+    """
     weight = weights[f"{name}.weight"]  # [C', C, k]
     width, channels, kernel = weight.shape
+    matrix = weight.transpose(2, 1, 0).reshape(-1, width) * scale
+    bias = weights.get(f"{name}.bias", np.zeros(width)) * scale + shift
     n = dilation * (kernel - 1) + 1 - stride
-    joined = g.op("Concat", context, x, axis=0)
+    if ages:
+        rows = g.op("Concat", *(ago(state, age) for age in ages), x, axis=1)
+        return g.linear(rows, matrix, bias, exact=exact), x
+    joined = g.op("Concat", ago(state, 1), x, axis=0)
     starts = np.arange(0, time, stride)[:, None]
     index = g.const((starts + np.arange(kernel) * dilation).reshape(-1))
     rows = g.op("Gather", joined, index, axis=0)
     rows = g.op("Reshape", rows, g.const([time // stride, kernel * channels]))
-    matrix = weight.transpose(2, 1, 0).reshape(-1, width) * scale
-    bias = weights.get(f"{name}.bias", np.zeros(width)) * scale + shift
     y = g.linear(rows, matrix, bias, exact=exact)
     return y, g.op("Slice", joined, g.const([time]), g.const([time + n]), g.const([0]))
 
@@ -52,7 +72,7 @@ def _frozen(weights: Weights, name: str) -> tuple[Array, Array]:
 def _running_norm(
     g: Graph, x: str, state: str, config: AudioEncoderConfig, weights: Weights, hops: int
 ) -> tuple[str, str]:
-    """RunningNorm.step on x [hops * n, C]; reads the input `state` [1, 2] -> y, statistics."""
+    """RunningNorm.step on x [hops * n, C]; remembers `state` [1, 2] -> y, statistics."""
     width, _, stride = config.layers[0]
     keep = exp(-config.stride / config.sample_rate / config.norm_seconds)
     flat = g.op("Reshape", x, g.const([hops, -1]))
@@ -61,7 +81,7 @@ def _running_norm(
     lag = np.subtract.outer(np.arange(hops), np.arange(hops))
     past = np.where(lag >= 0, (1 - keep) * keep ** np.maximum(lag, 0), 0.0)
     fresh = g.op("MatMul", g.const(past), g.op("Concat", *moments, axis=1))
-    start = g.op("MatMul", g.const(keep ** np.arange(1.0, hops + 1)[:, None]), state)
+    start = g.op("MatMul", g.const(keep ** np.arange(1.0, hops + 1)[:, None]), ago(state, 1))
     means = g.op("Add", fresh, start)  # [hops, 2]
     mean, square = g.op("Split", means, axis=1, num_outputs=2, outputs=2)
     prior = weights["norms.0.prior"].astype(np.float64)
@@ -79,7 +99,7 @@ def _spectrum(
     g: Graph, x: str, config: SpectrumConfig, hops: int, names: str
 ) -> tuple[str, dict[str, str]]:
     """Spectrum.step on x [hops * hop, 1] -> [hops, bands] and its next state."""
-    joined = g.op("Concat", f"{names}sound", x, axis=0)
+    joined = g.op("Concat", ago(f"{names}sound", 1), x, axis=0)
     kept, size = config.window - config.hop, config.hop * hops
     starts = np.arange(hops)[:, None] * config.hop
     rows = g.op("Gather", joined, g.const((starts + np.arange(config.window)).reshape(-1)), axis=0)
@@ -91,12 +111,12 @@ def _spectrum(
     past = np.where(lag >= 0, (1 - config.keep) * config.keep ** np.maximum(lag, 0), 0.0)
     fresh = g.op("MatMul", g.const(past), g.op("ReduceMean", bands, g.const([1])))
     ages = np.arange(1.0, hops + 1)[:, None]
-    levels = g.op("Add", fresh, g.op("MatMul", g.const(config.keep**ages), f"{names}level"))
+    levels = g.op("Add", fresh, g.op("MatMul", g.const(config.keep**ages), ago(f"{names}level", 1)))
     one, floor = g.const(np.array([1.0])), g.const(np.array([config.floor]))
     logs = g.op("Log", g.op("Add", g.op("Div", levels, floor), one))
     faded = g.const(np.where(lag >= 0, -config.decay * lag, -1e9))
     newest = g.op("ReduceMax", g.op("Add", g.op("Transpose", logs), faded), g.const([1]))
-    peaks = g.op("Max", newest, g.op("Sub", f"{names}peak", g.const(config.decay * ages)))
+    peaks = g.op("Max", newest, g.op("Sub", ago(f"{names}peak", 1), g.const(config.decay * ages)))
     scale = g.op("Mul", g.op("Exp", peaks), floor)
     relative = g.op("Add", g.op("Div", bands, scale), g.const(np.array([config.quiet])))
     y = g.op("Add", g.op("Log", relative), g.const(np.array([5.0])))
@@ -109,21 +129,34 @@ def _spectrum(
     return g.op("Div", y, g.const(np.array([3.0]))), after
 
 
-def audio_shapes(config: AudioEncoderConfig) -> dict[str, list[int]]:
-    """Names and shapes of the streaming state, channels last, without the batch axis."""
-    channels, shapes = config.bands or 1, {}
+def _whole_ticks(config: AudioEncoderConfig, kernel: int, dilation: int) -> tuple[int, ...]:
+    """Ages in ticks of what the taps of a context layer hear, oldest first; () where a tap hears
+    parts of two ticks."""
+    time = config.features_a_tick
+    if not time or dilation % time:
+        return ()
+    return tuple(tap * dilation // time for tap in range(kernel - 1, 0, -1))
+
+
+def audio_memory(config: AudioEncoderConfig) -> dict[str, Memory]:
+    """What a stream remembers, channels last, without the batch axis."""
+    channels, found = config.bands or 1, dict[str, Memory]()
     for width, kernel, stride in config.layers:
-        shapes[f"conv{len(shapes)}"] = [kernel - stride, channels]
+        found[f"conv{len(found)}"] = Memory([kernel - stride, channels])
         channels = width
     for kernel, dilation in config.context:
-        shapes[f"conv{len(shapes)}"] = [dilation * (kernel - 1), channels]
+        memory = Memory([dilation * (kernel - 1), channels])
+        if ages := _whole_ticks(config, kernel, dilation):
+            memory = Memory([config.features_a_tick, channels], ages)
+        found[f"conv{len(found)}"] = memory
     if config.first_norm == "running":
-        shapes["statistics"] = [1, 2]
+        found["statistics"] = Memory([1, 2])
     if spectrum := config.spectrum:
-        shapes |= {"sound": [spectrum.window - spectrum.hop, 1], "level": [1, 1], "peak": [1, 1]}
+        found["sound"] = Memory([spectrum.window - spectrum.hop, 1])
+        found |= {"level": Memory([1, 1]), "peak": Memory([1, 1])}
     if config.second:
-        shapes |= {SECOND + name: shape for name, shape in audio_shapes(config.second).items()}
-    return shapes
+        found |= {SECOND + name: memory for name, memory in audio_memory(config.second).items()}
+    return found
 
 
 def _encoder(
@@ -150,12 +183,13 @@ def _encoder(
     if not config.bands:
         x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
     half = g.const(np.array([0.5**0.5]))
-    for i, (_, dilation) in enumerate(config.context):
+    for i, (kernel, dilation) in enumerate(config.context):
         state = f"{names}conv{len(config.layers) + i}"
         folded = _frozen(weights, f"context_norms.{i}")
         y, after[state] = _conv(
-            g, x, state, weights, f"context_convs.{i}", time, 1, dilation, *folded
-        )
+            g, x, state, weights, f"context_convs.{i}", time, 1, dilation, *folded,
+            ages=_whole_ticks(config, kernel, dilation),
+        )  # fmt: skip
         x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
     if config.feature_dim:
         x = g.linear(x, weights["project.weight"].T, weights["project.bias"])
@@ -165,7 +199,7 @@ def _encoder(
 def audio_model(
     config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
 ) -> ModelProto:
-    """audio [features * stride, 1] + state -> features [features, widths] + state."""
+    """audio [features * stride, 1] + memory -> features [features, widths] + memory."""
     g = Graph(bits)
     x, after = _encoder(g, config, weights, features)
     if config.second:
@@ -175,9 +209,10 @@ def audio_model(
     g.rename(x, "features")
     for name, value in after.items():
         g.rename(value, f"{name}_next")
-    shapes = audio_shapes(config)
+    memory = audio_memory(config)
+    heard = {ago(name, age): m.shape for name, m in memory.items() for age in m.ages}
     return g.model(
-        {"audio": [features * config.stride, 1], **shapes},
+        {"audio": [features * config.stride, 1], **heard},
         {"features": [features, sum(width for width, _ in config.parts)],
-         **{f"{k}_next": v for k, v in shapes.items()}},
+         **{f"{name}_next": m.shape for name, m in memory.items()}},
     )  # fmt: skip

@@ -42,13 +42,12 @@ def _attention(
     qkv = g.op("Reshape", g.linear(x, weight, bias), g.const([3 * heads, 1, head_dim]))
     sizes = g.const([2 * heads, heads])
     turning, v = g.op("Split", qkv, sizes, axis=0, outputs=2)
-    a, b = g.op("Split", turning, axis=2, num_outputs=2, outputs=2)
-    swapped = g.op("Concat", g.op("Neg", b), a, axis=2)
+    halves = g.const(np.roll(np.arange(head_dim), head_dim // 2))
+    swapped = g.op("Gather", turning, halves, axis=2)
     turned = g.op("Add", g.op("Mul", turning, "cos"), g.op("Mul", swapped, "sin"))
     q, k = g.op("Split", turned, axis=0, num_outputs=2, outputs=2)
-    layer = g.const(np.array(i))
-    keys = g.op("Concat", g.op("Gather", "keys", layer, axis=0), k, axis=1)
-    values = g.op("Concat", g.op("Gather", "values", layer, axis=0), v, axis=1)
+    keys = g.op("Concat", f"keys{i}", k, axis=1)
+    values = g.op("Concat", f"values{i}", v, axis=1)
     scores = g.op("MatMul", q, g.op("Transpose", keys, perm=[0, 2, 1]))
     y = g.op("MatMul", g.op("Softmax", g.op("Add", scores, "bias"), axis=-1), values)
     y = g.op("Reshape", y, g.const([1, config.dim]))
@@ -105,25 +104,22 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str
 def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
     """One frame at tau = N.
 
-    keys, values [L, H, w, D]: the past, with rotary positions applied, in any order; bias
-    [1, 1, w + 1]: 0 for a valid slot, very negative for a stale one; emotion [1, width]: shift and
-    scale of each place where an emotion acts (zeros: neutral; zero_conv.py).
+    inputs [1, ...]: DenoiserConfig.input_dims; heard [1, contact_dim]: what the direct path and the
+    contact head hear. keys, values of each layer [H, w, D]: the past, with rotary positions
+    applied, in any order; cos, sin [1, 1, D]: the position of this frame, the first half of the
+    sines negative; bias [1, 1, w + 1]: 0 for a valid slot, very negative for a stale one; emotion
+    [1, width]: shift and factor of each place where an emotion acts (0 and 1: neutral).
     """
     g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
     # in full precision: the small inputs matter as much as the large ones
-    code, heard, condition = config.input_dims
-    sizes = g.const([code, heard, config.direct_dim, condition])
-    noisy, audio, direct, eyes = g.op("Split", "inputs", sizes, outputs=4, axis=1)
-    x = g.op("Concat", noisy, audio, eyes, axis=1)
-    x = g.linear(x, weights["input.weight"].T, weights["input.bias"], exact=True)
+    x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
     new_keys, new_values = [], []
 
     places = np.repeat(config.places, 2)
     moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
 
     def with_emotion(x: str, place: int) -> str:
-        scale = g.op("Add", moods[2 * place + 1], g.const(np.array([1.0])))
-        return g.op("Add", g.op("Mul", x, scale), moods[2 * place])
+        return g.op("Add", g.op("Mul", x, moods[2 * place + 1]), moods[2 * place])
 
     for i in range(config.layers):
         name, x = f"blocks.{i}", with_emotion(x, i)
@@ -145,18 +141,18 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
     x0 = g.linear(x, weights["output.weight"].T, weights["output.bias"])
     voice = g.const(np.ones((1, 1)))
     if config.direct_dim:
-        x0, voice = _direct(g, x0, direct, weights)
+        x0, voice = _direct(g, x0, "heard", weights)
     x0 = with_emotion(x0, config.layers + 1)
-    heard = direct if config.direct_dim else audio
-    g.rename(_contact(g, x0, heard, voice, weights) if config.contact else x0, "x0")
-    new = [config.layers, config.heads, dim // config.heads]
-    g.rename(g.op("Reshape", g.op("Concat", *new_keys, axis=0), g.const(new)), "key")
-    g.rename(g.op("Reshape", g.op("Concat", *new_values, axis=0), g.const(new)), "value")
-    cache = [config.layers, config.heads, config.window, dim // config.heads]
-    inputs = config.expression_dim + config.audio_dim + config.condition_dim
-    rope = [1, 1, dim // config.heads]
+    g.rename(_contact(g, x0, "heard", voice, weights) if config.contact else x0, "x0")
+    g.rename(g.op("Concat", *new_keys, axis=0), "key")
+    g.rename(g.op("Concat", *new_values, axis=0), "value")
+    heads, head_dim = config.heads, dim // config.heads
+    cache, new = [heads, config.window, head_dim], [config.layers * heads, 1, head_dim]
+    heard = {"heard": [1, config.contact_dim]} if config.direct_dim or config.contact else {}
+    names = [f"{kind}{i}" for kind in ("keys", "values") for i in range(config.layers)]
     return g.model(
-        {"inputs": [1, inputs], "keys": cache, "values": cache, "cos": rope, "sin": rope,
+        {"inputs": [1, sum(config.input_dims)], **heard, **dict.fromkeys(names, cache),
+         "cos": [1, 1, head_dim], "sin": [1, 1, head_dim],
          "bias": [1, 1, config.window + 1], "emotion": [1, int(places.sum())]},
         {"x0": [1, config.expression_dim], "key": new, "value": new},
     )  # fmt: skip

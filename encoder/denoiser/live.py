@@ -37,7 +37,9 @@ class LiveDenoiser:
         self._session = session(denoiser_model(config, weights, bits))
         half = config.dim // config.heads // 2
         self._rates = 10_000.0 ** (-np.arange(half) / half)
-        self._calm = np.zeros((1, 2 * sum(config.places)), np.float32)
+        self._hears = bool(config.direct_dim or config.contact)
+        kinds = [np.full(width, factor) for width in config.places for factor in (0, 1)]
+        self._calm = np.concatenate(kinds)[None].astype(np.float32)
 
     def init_state(self) -> Past:
         c = self.config
@@ -52,24 +54,26 @@ class LiveDenoiser:
         emotion: Floats | None = None,  # [2 sum(places)]; None: nothing
     ) -> tuple[Floats, Past]:
         """-> standardised code [256], the next state."""
-        past = state.owned()
-        bias = np.zeros((1, 1, self.config.window + 1), np.float32)
-        bias[..., past.frame : self.config.window] = STALE
+        c, past = self.config, state.owned()
+        bias = np.zeros((1, 1, c.window + 1), np.float32)
+        bias[..., past.frame : c.window] = STALE
         angles = np.remainder(past.frame * self._rates, 2 * np.pi)  # float64: exact after days
-        angles = np.concatenate([angles, angles])[None, None]
-        code, key, value = self._session.run(
-            ["x0", "key", "value"],
-            {
-                "inputs": np.concatenate([noise, features, condition])[None],
-                "keys": past.ring.keys,
-                "values": past.ring.values,
-                "cos": np.cos(angles).astype(np.float32),
-                "sin": np.sin(angles).astype(np.float32),
-                "bias": bias,
-                "emotion": self._calm if emotion is None else emotion[None],
-            },
-        )
-        return code[0], past.followed_by(key, value)
+        cos, sin = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
+        own = features[: c.input_dims[1]]
+        inputs = {
+            "inputs": np.concatenate([noise, own, condition])[None],
+            "cos": np.concatenate([cos, cos])[None, None],
+            "sin": np.concatenate([-sin, sin])[None, None],
+            "bias": bias,
+            "emotion": self._calm if emotion is None else self._calm + emotion,
+        }
+        if self._hears:
+            inputs["heard"] = features[None, -c.contact_dim :]
+        for i in range(c.layers):
+            inputs[f"keys{i}"], inputs[f"values{i}"] = past.ring.keys[i], past.ring.values[i]
+        code, key, value = self._session.run(["x0", "key", "value"], inputs)
+        shape = (c.layers, c.heads, -1)
+        return code[0], past.followed_by(key.reshape(shape), value.reshape(shape))
 
 
 def emotion_table(config: ZeroConvConfig, weights: Weights) -> Floats:  # [labels, width]

@@ -62,9 +62,10 @@ class Graph:
         return self.op("DynamicQuantizeMatMul", x, *names, domain="com.microsoft")
 
     def rename(self, name: str, output: str) -> None:
-        from onnx import helper
-
-        self.nodes.append(helper.make_node("Identity", [name], [output]))
+        """A value that a node has computed becomes an output of the graph."""
+        for node in self.nodes:
+            for names in (node.input, node.output):
+                names[:] = [output if own == name else own for own in names]
 
     def model(self, inputs: dict[str, list[int]], outputs: dict[str, list[int]]) -> ModelProto:
         from onnx import TensorProto, helper
