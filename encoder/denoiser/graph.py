@@ -40,12 +40,10 @@ def _attention(
     weight[:, : config.dim] *= head_dim**-0.5
     bias[: config.dim] *= head_dim**-0.5
     qkv = g.op("Reshape", g.linear(x, weight, bias), g.const([3 * heads, 1, head_dim]))
-    sizes = g.const([2 * heads, heads])
-    turning, v = g.op("Split", qkv, sizes, axis=0, outputs=2)
     halves = g.const(np.roll(np.arange(head_dim), head_dim // 2))
-    swapped = g.op("Gather", turning, halves, axis=2)
-    turned = g.op("Add", g.op("Mul", turning, "cos"), g.op("Mul", swapped, "sin"))
-    q, k = g.op("Split", turned, axis=0, num_outputs=2, outputs=2)
+    swapped = g.op("Gather", qkv, halves, axis=2)
+    turned = g.op("Add", g.op("Mul", qkv, "cos"), g.op("Mul", swapped, "sin"))
+    q, k, v = g.op("Split", turned, axis=0, num_outputs=3, outputs=3)
     keys = g.op("Concat", f"keys{i}", k, axis=1)
     values = g.op("Concat", f"values{i}", v, axis=1)
     scores = g.op("MatMul", q, g.op("Transpose", keys, perm=[0, 2, 1]))
@@ -101,25 +99,31 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str
     return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
 
 
-def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> ModelProto:
+def denoiser_model(
+    config: DenoiserConfig, weights: Weights, bits: Bits, *, emotion: bool
+) -> ModelProto:
     """One frame at tau = N.
 
     inputs [1, ...]: DenoiserConfig.input_dims; heard [1, contact_dim]: what the direct path and the
     contact head hear. keys, values of each layer [H, w, D]: the past, with rotary positions
-    applied, in any order; cos, sin [1, 1, D]: the position of this frame, the first half of the
-    sines negative; bias [1, 1, w + 1]: 0 for a valid slot, very negative for a stale one; emotion
-    [1, width]: shift and factor of each place where an emotion acts (0 and 1: neutral).
+    applied, in any order; cos, sin [3 H, 1, D]: what turns query, key and value to the position of
+    this frame, the first half of the sines negative; bias [1, 1, w + 1]: 0 for a valid slot, very
+    negative for a stale one; with `emotion` [1, width]: shift and scale of each place where an
+    emotion acts (zero_conv.py). -> x0 [1, 256]; row [2 H L, 1, D]: key and value of each layer.
     """
     g, dim, tau = Graph(bits), config.dim, _embedded_tau(config, weights)
     # in full precision: the small inputs matter as much as the large ones
     x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
-    new_keys, new_values = [], []
+    row = list[str]()
 
     places = np.repeat(config.places, 2)
-    moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
+    moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1) if emotion else []
 
     def with_emotion(x: str, place: int) -> str:
-        return g.op("Add", g.op("Mul", x, moods[2 * place + 1]), moods[2 * place])
+        if not emotion:
+            return x
+        scale = g.op("Add", moods[2 * place + 1], g.const(np.array([1.0])))
+        return g.op("Add", g.op("Mul", x, scale), moods[2 * place])
 
     for i in range(config.layers):
         name, x = f"blocks.{i}", with_emotion(x, i)
@@ -127,8 +131,7 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
         shift1, scale1, gate1, shift2, scale2, gate2 = np.split(modulation, 6)
         y = g.op("LayerNormalization", x, g.const(1 + scale1), g.const(shift1), epsilon=1e-5)
         y, k, v = _attention(g, y, i, config, weights, gate1)
-        new_keys.append(k)
-        new_values.append(v)
+        row += [k, v]
         x = g.op("Add", x, y)
         y = g.op("LayerNormalization", x, g.const(1 + scale2), g.const(shift2), epsilon=1e-5)
         y = g.linear(y, weights[f"{name}.up.weight"].T, weights[f"{name}.up.bias"])
@@ -144,15 +147,15 @@ def denoiser_model(config: DenoiserConfig, weights: Weights, bits: Bits) -> Mode
         x0, voice = _direct(g, x0, "heard", weights)
     x0 = with_emotion(x0, config.layers + 1)
     g.rename(_contact(g, x0, "heard", voice, weights) if config.contact else x0, "x0")
-    g.rename(g.op("Concat", *new_keys, axis=0), "key")
-    g.rename(g.op("Concat", *new_values, axis=0), "value")
+    g.rename(g.op("Concat", *row, axis=0), "row")
     heads, head_dim = config.heads, dim // config.heads
-    cache, new = [heads, config.window, head_dim], [config.layers * heads, 1, head_dim]
-    heard = {"heard": [1, config.contact_dim]} if config.direct_dim or config.contact else {}
+    cache, rope = [heads, config.window, head_dim], [3 * heads, 1, head_dim]
     names = [f"{kind}{i}" for kind in ("keys", "values") for i in range(config.layers)]
-    return g.model(
-        {"inputs": [1, sum(config.input_dims)], **heard, **dict.fromkeys(names, cache),
-         "cos": [1, 1, head_dim], "sin": [1, 1, head_dim],
-         "bias": [1, 1, config.window + 1], "emotion": [1, int(places.sum())]},
-        {"x0": [1, config.expression_dim], "key": new, "value": new},
-    )  # fmt: skip
+    inputs = {"inputs": [1, sum(config.input_dims)], **dict.fromkeys(names, cache)}
+    inputs |= {"cos": rope, "sin": rope, "bias": [1, 1, config.window + 1]}
+    if config.direct_dim or config.contact:
+        inputs["heard"] = [1, config.contact_dim]
+    if emotion:
+        inputs["emotion"] = [1, int(places.sum())]
+    new = [2 * heads * config.layers, 1, head_dim]
+    return g.model(inputs, {"x0": [1, config.expression_dim], "row": new})

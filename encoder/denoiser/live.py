@@ -34,12 +34,14 @@ class LiveDenoiser:
 
     def __init__(self, config: DenoiserConfig, weights: Weights, bits: Bits) -> None:
         self.config = config
-        self._session = session(denoiser_model(config, weights, bits))
+        # Neutral, which is the usual, has a graph of its own, without what does nothing.
+        self._neutral, self._moved = (
+            session(denoiser_model(config, weights, bits, emotion=emotion))
+            for emotion in (False, True)
+        )
         half = config.dim // config.heads // 2
         self._rates = 10_000.0 ** (-np.arange(half) / half)
         self._hears = bool(config.direct_dim or config.contact)
-        kinds = [np.full(width, factor) for width in config.places for factor in (0, 1)]
-        self._calm = np.concatenate(kinds)[None].astype(np.float32)
 
     def init_state(self) -> Past:
         c = self.config
@@ -57,23 +59,29 @@ class LiveDenoiser:
         c, past = self.config, state.owned()
         bias = np.zeros((1, 1, c.window + 1), np.float32)
         bias[..., past.frame : c.window] = STALE
-        angles = np.remainder(past.frame * self._rates, 2 * np.pi)  # float64: exact after days
-        cos, sin = np.cos(angles).astype(np.float32), np.sin(angles).astype(np.float32)
-        own = features[: c.input_dims[1]]
-        inputs = {
-            "inputs": np.concatenate([noise, own, condition])[None],
-            "cos": np.concatenate([cos, cos])[None, None],
-            "sin": np.concatenate([-sin, sin])[None, None],
-            "bias": bias,
-            "emotion": self._calm if emotion is None else self._calm + emotion,
-        }
-        if self._hears:
-            inputs["heard"] = features[None, -c.contact_dim :]
+        inputs = {"inputs": np.concatenate([noise, features[: c.input_dims[1]], condition])[None]}
+        inputs |= {"bias": bias} | self._rope(past.frame)
         for i in range(c.layers):
             inputs[f"keys{i}"], inputs[f"values{i}"] = past.ring.keys[i], past.ring.values[i]
-        code, key, value = self._session.run(["x0", "key", "value"], inputs)
-        shape = (c.layers, c.heads, -1)
-        return code[0], past.followed_by(key.reshape(shape), value.reshape(shape))
+        if self._hears:
+            inputs["heard"] = features[None, -c.contact_dim :]
+        if emotion is None:
+            code, row = self._neutral.run(["x0", "row"], inputs)
+        else:
+            code, row = self._moved.run(["x0", "row"], inputs | {"emotion": emotion[None]})
+        row = row.reshape(c.layers, 2, c.heads, -1)
+        return code[0], past.followed_by(row[:, 0], row[:, 1])
+
+    def _rope(self, frame: int) -> dict[str, Floats]:
+        """What turns query and key, and leaves the value: [3 H, 1, D] each."""
+        heads, half = self.config.heads, len(self._rates)
+        angles = np.remainder(frame * self._rates, 2 * np.pi)  # float64: exact after days
+        cos, sin = np.ones((3 * heads, 1, 2, half), np.float32), np.zeros((3 * heads, 1, 2, half), np.float32)
+        cos[: 2 * heads] = np.cos(angles)
+        sin[: 2 * heads, :, 1] = np.sin(angles)
+        sin[: 2 * heads, :, 0] = -sin[: 2 * heads, :, 1]
+        shape = (3 * heads, 1, 2 * half)
+        return {"cos": cos.reshape(shape), "sin": sin.reshape(shape)}
 
 
 def emotion_table(config: ZeroConvConfig, weights: Weights) -> Floats:  # [labels, width]
