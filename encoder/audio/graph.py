@@ -1,8 +1,8 @@
 """One tick of the audio encoder as an ONNX graph.
 
 Frozen norms are folded into the convolutions, and these become one gather and one matrix product,
-which int8 needs. What the graph remembers of a tick comes back to it ticks later, as inputs named
-by `ago` (audio_memory): nothing is shifted or copied meanwhile.
+which int8 needs. It begins with windows of the sound. What it remembers of a tick comes back ticks
+later, as inputs named by `ago`: nothing is shifted or copied meanwhile.
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class Memory(NamedTuple):
 
     shape: list[int]
     ages: tuple[int, ...] = (1,)  # ticks after which it is read
+    taps: bool = False  # each time by one tap of a convolution, whole
 
 
 def ago(name: str, age: int) -> str:
@@ -36,31 +37,44 @@ def ago(name: str, age: int) -> str:
     return f"{name}_{age}"
 
 
-def _conv(
-    g: Graph, x: str, state: str, weights: Weights, name: str,
-    time: int, stride: int, dilation: int,
-    scale: Array | float = 1.0, shift: Array | float = 0.0, *, exact: bool = False,
-    ages: tuple[int, ...] = (),
-) -> tuple[str, str]:  # fmt: skip
-    """Causal convolution of x [time, C], then scale and shift a channel -> y, what is remembered.
+def sound_window(config: AudioEncoderConfig) -> tuple[int, int]:
+    """Size and hop of the windows that the first layer hears, in samples."""
+    if spectrum := config.spectrum:
+        return spectrum.window, spectrum.hop
+    _, kernel, stride = config.layers[0]
+    return kernel, stride
 
-    ages: where each tap hears a whole tick, all taps' but the newest's, in ticks.
-    """
-    weight = weights[f"{name}.weight"]  # [C', C, k]
-    width, channels, kernel = weight.shape
-    matrix = weight.transpose(2, 1, 0).reshape(-1, width) * scale
-    bias = weights.get(f"{name}.bias", np.zeros(width)) * scale + shift
-    n = dilation * (kernel - 1) + 1 - stride
-    if ages:
-        rows = g.op("Concat", *(ago(state, age) for age in ages), x, axis=1)
+
+def _conv(
+    g: Graph, x: str, state: str, memory: Memory, weights: Weights, name: str,
+    time: int, stride: int, dilation: int, scale: Array | float, shift: Array | float, *, exact: bool = False,
+) -> tuple[str, str]:  # fmt: skip
+    """Causal convolution of x [time, C], then scale and shift a channel -> y, what is remembered."""
+    matrix, bias = _as_product(weights, name, scale, shift)
+    if memory.taps:
+        rows = g.op("Concat", *(ago(state, age) for age in memory.ages), x, axis=1)
         return g.linear(rows, matrix, bias, exact=exact), x
+    _, channels, kernel = weights[f"{name}.weight"].shape
+    kept = memory.shape[0]
     joined = g.op("Concat", ago(state, 1), x, axis=0)
-    starts = np.arange(0, time, stride)[:, None]
+    first = kept + stride - 1 - dilation * (kernel - 1)
+    starts = np.arange(first, first + time, stride)[:, None]
     index = g.const((starts + np.arange(kernel) * dilation).reshape(-1))
     rows = g.op("Gather", joined, index, axis=0)
     rows = g.op("Reshape", rows, g.const([time // stride, kernel * channels]))
     y = g.linear(rows, matrix, bias, exact=exact)
-    return y, g.op("Slice", joined, g.const([time]), g.const([time + n]), g.const([0]))
+    if kept == time:
+        return y, x
+    return y, g.op("Slice", joined, g.const([time]), g.const([time + kept]), g.const([0]))
+
+
+def _as_product(
+    weights: Weights, name: str, scale: Array | float, shift: Array | float
+) -> tuple[Array, Array]:
+    """A convolution's matrix [k C, C'] and bias [C'], scaled and shifted a channel."""
+    weight = weights[f"{name}.weight"]  # [C', C, k]
+    matrix = weight.transpose(2, 1, 0).reshape(-1, len(weight)) * scale
+    return matrix, weights.get(f"{name}.bias", np.zeros(len(weight))) * scale + shift
 
 
 def _frozen(weights: Weights, name: str) -> tuple[Array, Array]:
@@ -98,13 +112,8 @@ def _running_norm(
 def _spectrum(
     g: Graph, x: str, config: SpectrumConfig, hops: int, names: str
 ) -> tuple[str, dict[str, str]]:
-    """Spectrum.step on x [hops * hop, 1] -> [hops, bands] and its next state."""
-    joined = g.op("Concat", ago(f"{names}sound", 1), x, axis=0)
-    kept, size = config.window - config.hop, config.hop * hops
-    starts = np.arange(hops)[:, None] * config.hop
-    rows = g.op("Gather", joined, g.const((starts + np.arange(config.window)).reshape(-1)), axis=0)
-    rows = g.op("Reshape", rows, g.const([hops, config.window]))
-    waves = g.op("MatMul", rows, g.const(config.kernels()))
+    """Spectrum.step on windows x [hops, window] -> [hops, bands] and its next state."""
+    waves = g.op("MatMul", x, g.const(config.kernels()))
     waves = g.op("Split", g.op("Mul", waves, waves), axis=1, num_outputs=2, outputs=2)
     bands = g.op("MatMul", g.op("Add", *waves), g.const(config.bank()))
     lag = np.subtract.outer(np.arange(hops), np.arange(hops))
@@ -122,37 +131,33 @@ def _spectrum(
     y = g.op("Add", g.op("Log", relative), g.const(np.array([5.0])))
     ends = g.const([hops - 1]), g.const([hops]), g.const([0])
     after = {
-        name: g.op("Slice", rows, *ends) for name, rows in (("level", levels), ("peak", peaks))
+        names + name: g.op("Slice", rows, *ends)
+        for name, rows in (("level", levels), ("peak", peaks))
     }
-    after["sound"] = g.op("Slice", joined, g.const([size]), g.const([size + kept]), g.const([0]))
-    after = {names + name: value for name, value in after.items()}
     return g.op("Div", y, g.const(np.array([3.0]))), after
 
 
-def _whole_ticks(config: AudioEncoderConfig, kernel: int, dilation: int) -> tuple[int, ...]:
-    """Ages in ticks of what the taps of a context layer hear, oldest first; () where a tap hears
-    parts of two ticks."""
-    time = config.features_a_tick
-    if not time or dilation % time:
-        return ()
-    return tuple(tap * dilation // time for tap in range(kernel - 1, 0, -1))
+def _context_memory(config: AudioEncoderConfig, kernel: int, dilation: int) -> Memory:
+    """Of a layer's inputs: those of whole ticks where that will do, else the rows it still hears."""
+    time, channels, rows = config.features_a_tick, config.layers[-1][0], dilation * (kernel - 1)
+    if time and dilation % time == 0:
+        ages = tuple(tap * dilation // time for tap in range(kernel - 1, 0, -1))
+        return Memory([time, channels], ages, taps=True)
+    return Memory([max(rows, time), channels])
 
 
 def audio_memory(config: AudioEncoderConfig) -> dict[str, Memory]:
-    """What a stream remembers, channels last, without the batch axis."""
+    """What a stream remembers but for its sound, channels last, without the batch axis."""
     channels, found = config.bands or 1, dict[str, Memory]()
-    for width, kernel, stride in config.layers:
-        found[f"conv{len(found)}"] = Memory([kernel - stride, channels])
+    for i, (width, kernel, stride) in enumerate(config.layers):
+        if i > 0 or config.bands:
+            found[f"conv{i}"] = Memory([kernel - stride, channels])
         channels = width
-    for kernel, dilation in config.context:
-        memory = Memory([dilation * (kernel - 1), channels])
-        if ages := _whole_ticks(config, kernel, dilation):
-            memory = Memory([config.features_a_tick, channels], ages)
-        found[f"conv{len(found)}"] = memory
+    for i, (kernel, dilation) in enumerate(config.context):
+        found[f"context{i}"] = _context_memory(config, kernel, dilation)
     if config.first_norm == "running":
         found["statistics"] = Memory([1, 2])
-    if spectrum := config.spectrum:
-        found["sound"] = Memory([spectrum.window - spectrum.hop, 1])
+    if config.spectrum:
         found |= {"level": Memory([1, 1]), "peak": Memory([1, 1])}
     if config.second:
         found |= {SECOND + name: memory for name, memory in audio_memory(config.second).items()}
@@ -162,33 +167,35 @@ def audio_memory(config: AudioEncoderConfig) -> dict[str, Memory]:
 def _encoder(
     g: Graph, config: AudioEncoderConfig, weights: Weights, features: int, names: str = ""
 ) -> tuple[str, dict[str, str]]:
-    """The input "audio" -> features and the next state; `names`: how its states begin."""
-    time, x, after = features * config.stride, "audio", dict[str, str]()
+    """The input "windows" -> features and the next state; `names`: how its inputs begin."""
+    memory, after, x = audio_memory(config), dict[str, str](), f"{names}windows"
+    time = features * config.stride // sound_window(config)[1]
     if config.spectrum:
-        x, after = _spectrum(g, x, config.spectrum, time // config.spectrum.hop, names)
-        time //= config.spectrum.hop
+        x, after = _spectrum(g, x, config.spectrum, time, names)
     for i, (_, _, stride) in enumerate(config.layers):
-        running = i == 0 and config.first_norm == "running"
-        scale, shift = (1.0, 0.0) if running else _frozen(weights, f"norms.{i}")
-        state = f"{names}conv{i}"
-        x, after[state] = _conv(
-            g, x, state, weights, f"convs.{i}", time, stride, 1, scale, shift,
-            exact=i < EXACT_CONVS,
-        )  # fmt: skip
-        time //= stride
-        if running:
+        running, name, exact = config.first_norm == "running", f"convs.{i}", i < EXACT_CONVS
+        scale, shift = (1.0, 0.0) if running and i == 0 else _frozen(weights, f"norms.{i}")
+        if f"conv{i}" in memory:
+            state = f"{names}conv{i}"
+            x, after[state] = _conv(
+                g, x, state, memory[f"conv{i}"], weights, name, time, stride, 1, scale, shift,
+                exact=exact,
+            )  # fmt: skip
+            time //= stride
+        else:
+            x = g.linear(x, *_as_product(weights, name, scale, shift), exact=exact)
+        if running and i == 0:
             state = f"{names}statistics"
             x, after[state] = _running_norm(g, x, state, config, weights, features)
         x = g.op("Relu", x)
     if not config.bands:
         x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
     half = g.const(np.array([0.5**0.5]))
-    for i, (kernel, dilation) in enumerate(config.context):
-        state = f"{names}conv{len(config.layers) + i}"
-        folded = _frozen(weights, f"context_norms.{i}")
+    for i, (_, dilation) in enumerate(config.context):
+        state, folded = f"{names}context{i}", _frozen(weights, f"context_norms.{i}")
         y, after[state] = _conv(
-            g, x, state, weights, f"context_convs.{i}", time, 1, dilation, *folded,
-            ages=_whole_ticks(config, kernel, dilation),
+            g, x, state, memory[f"context{i}"], weights, f"context_convs.{i}", time, 1, dilation,
+            *folded,
         )  # fmt: skip
         x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
     if config.feature_dim:
@@ -199,7 +206,7 @@ def _encoder(
 def audio_model(
     config: AudioEncoderConfig, weights: Weights, features: int, bits: Bits
 ) -> ModelProto:
-    """audio [features * stride, 1] + memory -> features [features, widths] + memory."""
+    """windows of the sound [n, size] + memory -> features [features, widths] + memory."""
     g = Graph(bits)
     x, after = _encoder(g, config, weights, features)
     if config.second:
@@ -211,8 +218,12 @@ def audio_model(
         g.rename(value, f"{name}_next")
     memory = audio_memory(config)
     heard = {ago(name, age): m.shape for name, m in memory.items() for age in m.ages}
+    for names, part in (("", config), (SECOND, config.second)):
+        if part:
+            size, hop = sound_window(part)
+            heard[f"{names}windows"] = [features * part.stride // hop, size]
     return g.model(
-        {"audio": [features * config.stride, 1], **heard},
+        heard,
         {"features": [features, sum(width for width, _ in config.parts)],
          **{f"{name}_next": m.shape for name, m in memory.items()}},
     )  # fmt: skip
