@@ -19,6 +19,8 @@ DECIMATION = 6  # 48 kHz -> 8 kHz, by means of so many samples: pitch needs no m
 RATE = SAMPLE_RATE // DECIMATION
 WINDOW = 400  # samples at 8 kHz: 50 ms, four periods of the deepest voice
 LOWEST_HZ, HIGHEST_HZ = 70.0, 400.0
+SHORTEST, LONGEST = int(RATE / HIGHEST_HZ), int(RATE / LOWEST_HZ)  # lags, in samples
+OVERLAP = 1 - np.arange(SHORTEST, LONGEST) / WINDOW  # share of the window that a lag compares
 VOICED = 0.45  # of the autocorrelation at lag 0
 SILENT_DB = -50.0
 SPEECH_DB = 12.0  # above the quietest of the last seconds
@@ -65,10 +67,13 @@ def init_state() -> ProsodyState:
 
 def step(audio: Floats, state: ProsodyState) -> tuple[Prosody, ProsodyState]:  # [1600] -1..1
     """The prosody of a frame, from the sound up to its end. NaN counts as silence."""
-    sound = np.nan_to_num(audio, nan=0.0, posinf=0.0, neginf=0.0).clip(-1, 1)
-    low = sound[: len(sound) // DECIMATION * DECIMATION].reshape(-1, DECIMATION).mean(1)
-    tail = np.concatenate([state.tail, low])[-WINDOW:].astype(np.float32)
-    level_db = 10 * log10(float(np.mean(sound * sound, dtype=np.float64)) + 1e-9)
+    sound = np.minimum(np.maximum(audio, np.float32(-1)), np.float32(1))
+    sound = np.where(np.isfinite(audio), sound, np.float32(0))
+    low = sound[: len(sound) // DECIMATION * DECIMATION].reshape(-1, DECIMATION)
+    low = np.add.reduce(low, 1) / np.float32(DECIMATION)  # `mean`, in half its time
+    tail = np.concatenate([state.tail, low])[-WINDOW:]
+    power = float(np.add.reduce(sound * sound, dtype=np.float64)) / len(sound)
+    level_db = 10 * log10(power + 1e-9)
     floor_db = min(state.floor_db + FLOOR_RISE_DB, max(level_db, -70.0))
     is_speech = level_db > max(floor_db + SPEECH_DB, SILENT_DB)
     octave = _octave(tail) if is_speech else None
@@ -123,9 +128,8 @@ def _octave(tail: Floats) -> float | None:  # [WINDOW] at 8 kHz
     centred = tail - tail.mean()
     spectrum = np.fft.rfft(centred, 2 * WINDOW)
     correlation = np.fft.irfft(spectrum * spectrum.conj())[:WINDOW]
-    first, last = int(RATE / HIGHEST_HZ), int(RATE / LOWEST_HZ)
-    unbiased = correlation[first:last] / (1 - np.arange(first, last) / WINDOW)
+    unbiased = correlation[SHORTEST:LONGEST] / OVERLAP
     lag = int(unbiased.argmax())
     if correlation[0] <= 0 or unbiased[lag] < VOICED * correlation[0]:
         return None
-    return float(np.log2(RATE / (first + lag)))
+    return float(np.log2(RATE / (SHORTEST + lag)))

@@ -36,7 +36,7 @@ class LiveAudio:
     """Holds weights only. One stream, no batch axis."""
 
     def __init__(self, config: AudioEncoderConfig, weights: Weights, bits: Bits) -> None:
-        self.config = config
+        self._stride, self._steady = config.stride, config.features_a_tick > 0
         self._factor = SAMPLE_RATE // config.sample_rate
         self._kernel = resample_kernel(self._factor)
         self._context = len(self._kernel) - self._factor
@@ -48,6 +48,7 @@ class LiveAudio:
         ]
         self._past = max(past for _, past in config.parts)
         self._memory = audio_memory(config)
+        self._heard = [(ago(n, age), n, age - 1) for n, m in self._memory.items() for age in m.ages]
         self._outputs = ["features", *(f"{name}_next" for name in self._memory)]
         self._windows = {"windows": sound_window(config)}
         if config.second:
@@ -76,22 +77,21 @@ class LiveAudio:
         ready = (len(raw) - self._context) // self._factor
         fresh = _windows(raw, ready, len(self._kernel), self._factor) @ self._kernel
         sound = np.concatenate([state.sound, fresh])
-        num = (len(sound) - self._reach) // self.config.stride
-        used = num * self.config.stride
+        num = (len(sound) - self._reach) // self._stride
+        used = num * self._stride
         inputs = {
             name: _windows(sound[self._reach - size + hop :], used // hop, size, hop).copy()
             for name, (size, hop) in self._windows.items()
         }
-        for name, memory in self._memory.items():
-            for age in memory.ages:
-                inputs[ago(name, age)] = state.layers[name][age - 1]
+        for name, memory, age in self._heard:
+            inputs[name] = state.layers[memory][age]
         features, *after = self._encoders[num].run(self._outputs, inputs)
         layers = {
             name: (array, *state.layers[name][:-1])
             for name, array in zip(self._memory, after, strict=True)
         }
         raw, sound, count = raw[ready * self._factor :], sound[used:], state.count + num
-        if self.config.features_a_tick:
+        if self._steady:
             rows = [(features[:, part], state.tail[:past, part]) for part, past in self._parts]
             frame = np.concatenate([array.reshape(-1) for row in rows for array in row])
             tail = np.concatenate([features.mean(0, keepdims=True), state.tail])[: self._past]

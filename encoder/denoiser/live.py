@@ -41,6 +41,8 @@ class LiveDenoiser:
         )
         half = config.dim // config.heads // 2
         self._rates = 10_000.0 ** (-np.arange(half) / half)
+        self._still = np.zeros((2, 3 * config.heads, 1, 2, half), np.float32)  # cosines, sines
+        self._still[0] = 1
         self._hears = bool(config.direct_dim or config.contact)
 
     def init_state(self) -> Past:
@@ -74,14 +76,13 @@ class LiveDenoiser:
 
     def _rope(self, frame: int) -> dict[str, Floats]:
         """What turns query and key, and leaves the value: [3 H, 1, D] each."""
-        heads, half = self.config.heads, len(self._rates)
         angles = np.remainder(frame * self._rates, 2 * np.pi)  # float64: exact after days
-        cos, sin = np.ones((3 * heads, 1, 2, half), np.float32), np.zeros((3 * heads, 1, 2, half), np.float32)
-        cos[: 2 * heads] = np.cos(angles)
-        sin[: 2 * heads, :, 1] = np.sin(angles)
-        sin[: 2 * heads, :, 0] = -sin[: 2 * heads, :, 1]
-        shape = (3 * heads, 1, 2 * half)
-        return {"cos": cos.reshape(shape), "sin": sin.reshape(shape)}
+        rope, turned = self._still.copy(), 2 * self.config.heads
+        rope[0, :turned] = np.cos(angles)
+        rope[1, :turned] = np.sin(angles)
+        rope[1, :turned, :, 0] *= -1
+        cos, sin = rope.reshape(2, len(rope[0]), 1, -1)
+        return {"cos": cos, "sin": sin}
 
 
 def emotion_table(config: ZeroConvConfig, weights: Weights) -> Floats:  # [labels, width]
