@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from encoder import philox
 from encoder.alive.alive import Alive, AliveState
 from encoder.alive.face import evened
 from encoder.beside import Beside
@@ -36,8 +37,7 @@ Timer = Callable[[str], AbstractContextManager[object]]
 
 def frame_noise(seed: int, index: int, dim: int) -> Floats:
     """Gaussian noise [dim] of one frame, a function of (seed, frame index) and nothing else."""
-    bits = np.random.Philox(key=seed, counter=[0, 0, 0, index])
-    return np.random.Generator(bits).standard_normal(dim, dtype=np.float32)
+    return philox.generator(seed, 0, 0, 0, index).standard_normal(dim, dtype=np.float32)
 
 
 def _untimed(stage: str) -> AbstractContextManager[object]:
@@ -94,7 +94,7 @@ class Driver:
             looked = self._beside.start(looked)
         with timer("audio"):
             features, backend_state = self.backend.audio(frame.audio, state.backend)
-        condition, gaze, gaze_state = looked()
+        condition, gaze, gaze_state, eye_frames = looked()
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
             emotion, mood = self._emotion(frame.emotion, state.mood)
@@ -103,7 +103,6 @@ class Driver:
             )
             expression = code * self.std + self.mean
             after = DriverState(state.seed, backend_state, gaze_state, mood)
-            eye_frames = eyes_in(gaze_state) if isinstance(gaze_state, EyeState) else None
             if self.alive is None:
                 driven = DrivenFrame(frame.index, frame.t_ns, expression, gaze)
                 return replace(driven, eye_frames=eye_frames), after
@@ -133,16 +132,16 @@ class Driver:
 
     def _look(
         self, frame: SensorFrame, state: DriverState, timer: Timer
-    ) -> tuple[Floats, Floats, WalkState | EyeState]:
-        """The denoiser's condition, gaze [2, 3], and the state after it."""
+    ) -> tuple[Floats, Floats, WalkState | EyeState, Floats | None]:
+        """The denoiser's condition, gaze [2, 3], the state after it, DrivenFrame.eye_frames."""
         if isinstance(state.gaze, WalkState):
             with timer("gaze"):
                 walker = GazeWalk(self.graph, state.seed)
                 if frame.gaze is not None:  # a headset says where the eyes look
                     gaze = np.array([frame.gaze] * 2, np.float32)
-                    return gaze.reshape(-1), gaze, walker.near(gaze, state.gaze)
+                    return gaze.reshape(-1), gaze, walker.near(gaze, state.gaze), None
                 gaze, _, walk = walker.step(state.gaze)
-            return gaze.reshape(-1), gaze, walk
+            return gaze.reshape(-1), gaze, walk, None
         assert self.eyes is not None and isinstance(state.gaze, EyeState)
         with timer("eyes"):
             reading, eye_state = None, state.gaze
@@ -152,7 +151,8 @@ class Driver:
         with timer("gaze"):
             tracker = self._tracker(state.seed)
             seen, eye_state = tracker.step(reading, frame.eyes_valid, eye_state)
-        return seen.features.reshape(-1), seen.gaze, eye_state
+            eye_frames = eyes_in(eye_state)
+        return seen.features.reshape(-1), seen.gaze, eye_state, eye_frames
 
     def _tracker(self, seed: int) -> EyeTracker:
         assert self.eyes is not None

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-import numpy as np
+from encoder import philox
 
 _STREAM = 5  # of Philox counters: 0 is the denoiser's noise, 2 the gaze walk
 
@@ -10,8 +10,8 @@ _STREAM = 5  # of Philox counters: 0 is the denoiser's noise, 2 the gaze walk
 @lru_cache(maxsize=256)  # the knots of a frame are those of the one before, nearly always
 def uniform(seed: int, kind: int, index: int, count: int = 1) -> tuple[float, ...]:
     """`count` numbers of -1..1 of one index."""
-    bits = np.random.Philox(key=seed, counter=[kind, 0, _STREAM, index])
-    return tuple((2 * np.random.Generator(bits).random(count) - 1).tolist())
+    generator = philox.generator(seed, kind, 0, _STREAM, index)
+    return tuple((2 * generator.random(count) - 1).tolist())
 
 
 def wander(seed: int, kind: int, frame: int, frames_a_knot: int) -> float:

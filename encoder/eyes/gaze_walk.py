@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder import philox
 from encoder.eyes.gaze_graph import JOINT_FRAMES, STRIDE, GazeGraph
 
 
@@ -62,8 +63,7 @@ class GazeWalk:
         return int(self.graph.successors[first + min(place, int(last - first) - 1)])
 
     def _draw(self, count: int) -> float:
-        bits = np.random.Philox(key=self.seed, counter=[0, 0, 2, count])
-        return float(np.random.Generator(bits).random())
+        return float(philox.generator(self.seed, 0, 0, 2, count).random())
 
 
 def synthesise(graph: GazeGraph, frames: int, seed: int) -> NDArray[np.float32]:
