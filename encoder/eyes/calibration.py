@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.eyes.format import unit
+from encoder.eyes.format import unit, within
 from sensors import files
 from sensors.types import InputError
 
@@ -63,7 +63,7 @@ class EyeCalibration:
         xy = (matrix @ seen[..., None])[..., 0] + shift
         if any(self.relative):
             xy += (nearness(seen[:, None], places) @ moves)[:, 0]
-        return unit(xy), np.clip((lids - shut) / (wide - shut), 0, 1).astype(np.float32)
+        return unit(xy), within((lids - shut) / (wide - shut), 0, 1).astype(np.float32)
 
     def recentred(self, gaze: Array) -> EyeCalibration:
         """The same, but what `apply` made `gaze` [2, 3] is now straight ahead."""

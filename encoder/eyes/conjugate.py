@@ -6,7 +6,7 @@ Where: EyeReading -> `joined` -> EyeTracker.
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder.eyes.format import unit
+from encoder.eyes.format import unit, within
 
 Array = NDArray[np.float32]
 OPEN = 0.35  # lid opening above which gaze is reliable
@@ -23,7 +23,7 @@ def conjugate(
 ) -> Array:  # [2, 2]
     """One direction from both eyes: equal height, slight convergence."""
     share = (weight + 1e-3) / (weight + 1e-3).sum()
-    vergence = np.clip(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
+    vergence = within(xy[1, 0] - xy[0, 0], 0, MAX_VERGENCE) - USUAL_VERGENCE
     vergence = USUAL_VERGENCE + VERGENCE_TRUST * weight.min() * vergence
     half = np.array([[-0.5 * vergence, 0], [0.5 * vergence, 0]], np.float32)
     middle = (share[:, None] * (xy - half)).sum(0)
@@ -32,7 +32,7 @@ def conjugate(
 
 def trust(lids: Array, score: Array) -> Array:  # [2] each -> [2]
     """Confidence of each eye, 0..1: low for a shut or uncertain eye."""
-    return (score * np.clip(lids / OPEN, 0, 1)).astype(np.float32)
+    return (score * within(lids / OPEN, 0, 1)).astype(np.float32)
 
 
 def joined(
@@ -45,6 +45,6 @@ def joined(
     """
     own, weight = gaze[:, :2], trust(lids, score)
     apart = own[1] - own[0] - np.array([USUAL_VERGENCE, 0], np.float32)
-    agree = np.clip((FAR - np.linalg.norm(apart)) / (FAR - NEAR), 0, 1)
+    agree = within((FAR - np.linalg.norm(apart)) / (FAR - NEAR), 0, 1)
     share = np.float32(1 - weight.min() * (1 - agree))
     return unit(own + share * (conjugate(own, weight) - own))

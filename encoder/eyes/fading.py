@@ -7,6 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from encoder.eyes.format import length, within
+
 Array = NDArray[np.float32]
 FADE_FRAMES = 6  # from one source to the next; back within 300 ms
 FASTEST = 0.313  # chord of 18 degrees, more than eyes turn in a frame: a misreading after a blink
@@ -22,18 +24,18 @@ class ShownEyes(NamedTuple):
 
 
 def bounded(features: Array) -> Array:
-    return np.clip(features, np.float32(-1), np.float32(1))
+    return within(features, -1, 1)
 
 
 def turned(start: Array, end: Array, share: Array | np.float32) -> Array:
     """Unit vectors [..., 3], `share` of the way from one to the other."""
     gaze = start + share * (end - start)
-    return (gaze / np.linalg.norm(gaze, axis=-1, keepdims=True)).astype(np.float32)
+    return (gaze / length(gaze)).astype(np.float32)
 
 
 def limited(before: Array, after: Array) -> Array:
     """[2, 3] at most FASTEST away from the frame before."""
-    chord = np.linalg.norm(after - before, axis=-1, keepdims=True)
+    chord = length(after - before)
     near = turned(before, after, FASTEST / np.maximum(chord, FASTEST))
     return np.where(chord > FASTEST, near, after).astype(np.float32)
 
@@ -65,7 +67,7 @@ def mixed(start: ShownEyes, end: ShownEyes, frames: list[int]) -> ShownEyes:
         a + weight.reshape(-1, *[1] * (a.ndim - 1)) * (b - a)
         for a, b in zip(start, end, strict=True)
     ]
-    parts[1] = parts[1] / np.linalg.norm(parts[1], axis=-1, keepdims=True)
+    parts[1] = parts[1] / length(parts[1])
     kept = [
         np.where(fading.reshape(-1, *[1] * (b.ndim - 1)), m, b).astype(np.float32)
         for m, b in zip(parts, end, strict=True)

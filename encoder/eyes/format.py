@@ -4,6 +4,7 @@ Where: SensorFrame.eyes -> `pixels` -> `normalised` -> network -> x and y of the
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,23 +67,18 @@ def _shrunk(eyes: NDArray[np.uint8], shrink: int) -> NDArray[np.uint8]:
     return ((small + shrink**2 // 2) // shrink**2).astype(np.uint8)
 
 
-_BYTES, _PAIRS = np.uint64(0x00FF00FF00FF00FF), np.uint64(0x0000FFFF0000FFFF)
-
-
 def _quarters(eyes: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The same of 4 x 4 pixels, eight pixels in one number: a third faster."""
-    small = np.empty((2, SIDE, SIDE), np.uint8)
-    for eye in (0, 1):
-        eights = np.ascontiguousarray(eyes[eye]).view("<u8").reshape(SIDE, 4, SIDE // 2)
-        twos = eights >> np.uint64(8)
-        twos &= _BYTES
-        twos += eights & _BYTES
-        tall = twos[:, 0] + twos[:, 1]
-        tall += twos[:, 2]
-        tall += twos[:, 3]
-        fours = (tall & _PAIRS) + ((tall >> np.uint64(16)) & _PAIRS)
-        small[eye] = (fours.view("<u4") + np.uint32(8)) >> np.uint32(4)
-    return small
+    """The same of 4 x 4 pixels, two pixels in one number: in half the time."""
+    twos = np.ascontiguousarray(eyes).view("<u2").reshape(2 * SIDE, 4, 2 * SIDE)
+    pairs = twos >> np.uint16(8)
+    pairs += twos & np.uint16(255)
+    tall = pairs[:, 0] + pairs[:, 1]
+    tall += pairs[:, 2]
+    tall += pairs[:, 3]
+    fours = tall[:, ::2] + tall[:, 1::2]
+    fours += np.uint16(8)
+    fours >>= np.uint16(4)
+    return fours.astype(np.uint8).reshape(2, SIDE, SIDE)
 
 
 def normalised(
@@ -98,10 +94,11 @@ def normalised(
     usual, bright = some[:, half, None], some[:, high, None]
     x = small.reshape(len(small), -1).astype(np.float32)
     np.minimum(x, bright + ABOVE * (bright - usual), out=x)
-    x -= x.mean(1, keepdims=True)
+    x -= np.add.reduce(x, 1, keepdims=True) / np.float32(x.shape[1])
     spread = np.sqrt(np.einsum("bi,bi->b", x, x) / x.shape[1])
     x /= np.maximum(spread, MIN_SPREAD)[:, None]
-    return np.clip(x, -MOST, MOST, out=x).reshape(len(small), 1, *small.shape[1:]), spread
+    np.minimum(np.maximum(x, -MOST, out=x), MOST, out=x)
+    return x.reshape(len(small), 1, *small.shape[1:]), spread
 
 
 def doubt_of(raw: NDArray[np.floating]) -> NDArray[np.floating]:
@@ -109,10 +106,21 @@ def doubt_of(raw: NDArray[np.floating]) -> NDArray[np.floating]:
     return 0.03 + 0.5 * np.logaddexp(0, raw + 0.5)
 
 
+def within(values: NDArray[Any], least: float, most: float) -> NDArray[Any]:
+    """np.clip, which takes four times as long for a few numbers."""
+    return np.minimum(np.maximum(values, least), most)
+
+
+def length(vectors: NDArray[Any]) -> NDArray[Any]:  # [..., n] -> [..., 1]
+    """np.linalg.norm along the last axis, in half its time for a few numbers."""
+    return np.sqrt(np.add.reduce(vectors * vectors, -1, keepdims=True))
+
+
 def unit(gaze: NDArray[np.floating]) -> NDArray[np.float32]:
     """x and y [..., 2] -> forward unit vectors [..., 3]."""
     xy = np.asarray(gaze, np.float64)
-    length = np.linalg.norm(xy, axis=-1, keepdims=True)
-    xy = xy * (MAX_SINE / np.maximum(length, MAX_SINE))
-    z = np.sqrt(1 - (xy * xy).sum(-1, keepdims=True))
-    return np.concatenate([xy, z], -1).astype(np.float32)
+    xy = xy * (MAX_SINE / np.maximum(length(xy), MAX_SINE))
+    out = np.empty((*xy.shape[:-1], 3), np.float32)
+    out[..., :2] = xy
+    out[..., 2:] = np.sqrt(1 - np.add.reduce(xy * xy, -1, keepdims=True))
+    return out

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.eyes.calibration import EyeCalibration
+from encoder.eyes.format import within
 from sensors.types import FPS
 
 Array = NDArray[np.float32]
@@ -49,7 +50,7 @@ class SessionState:
 
     def calibration(self) -> EyeCalibration:
         """The calibration learned so far: usual opening = open, usual gaze = straight ahead."""
-        wide = np.clip(self.wide + OWN_DROOP, NARROWEST, 1.0)
+        wide = within(self.wide + OWN_DROOP, NARROWEST, 1.0)
         shut = np.minimum(self.shut, MOST_SHUT * wide)
         (lx, ly), (rx, ry) = self.shift.tolist()
         (ls, rs), (lw, rw) = shut.tolist(), wide.tolist()
@@ -84,11 +85,11 @@ def learned(
     unseen = np.where(awake, 0, np.minimum(state.unseen + 1, BRIEF + 1))
     counts = unseen <= BRIEF
     looks = np.minimum(state.looks + counts, MEMORY)
-    seen = awake[:, None] * np.clip(gaze[:, :2] - state.centre, -ASIDE, ASIDE)
+    seen = awake[:, None] * within(gaze[:, :2] - state.centre, -ASIDE, ASIDE)
     aside = np.where(awake[:, None], seen, seen[::-1])
     centre = state.centre + (counts / (looks + 1))[:, None] * aside
     known = (looks / (looks + GAZE_PRIOR))[:, None]
-    wanted = np.clip(known * (USUAL - centre), -MAX_SHIFT, MAX_SHIFT)
+    wanted = within(known * (USUAL - centre), -MAX_SHIFT, MAX_SHIFT)
     shift = state.shift + (wanted - state.shift) / SETTLING
     arrays = (frames, unseen, looks, wide, blinks, shut, lowest, centre, shift)
     return SessionState(*(array.astype(np.float32) for array in arrays))

@@ -36,6 +36,7 @@ from encoder.eyes.fading import (
     put,
     turned,
 )
+from encoder.eyes.format import within
 from encoder.eyes.gaze_walk import GazeWalk, WalkState
 from encoder.eyes.session import SessionState, learned, new_session
 from sensors.types import FPS
@@ -144,7 +145,7 @@ class EyeTracker:
         elif state.shown is not None:
             before = state.shown.gaze
         if before is not None:  # a shut eye goes on looking where it looked
-            sight = np.clip((lids - SHUT) / (OPEN - SHUT), 0, 1).astype(np.float32)[:, None]
+            sight = within((lids - SHUT) / (OPEN - SHUT), 0, 1).astype(np.float32)[:, None]
             gaze = np.where(sight < 1, turned(before, gaze, sight), gaze)
         return ShownEyes(features, gaze, lids)
 
