@@ -1,4 +1,4 @@
-"""A kept thread that does one piece of work beside the caller's, on another CPU."""
+"""Two pieces of work at once: one here, one on a thread that is kept for it, on another CPU."""
 
 from __future__ import annotations
 
@@ -6,83 +6,92 @@ import ctypes
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from queue import SimpleQueue
-from typing import TypeVar
+from typing import Any, TypeVar
 
-T = TypeVar("T")
-Call = Callable[[], None]
+Here, There = TypeVar("Here"), TypeVar("There")
+Calls = SimpleQueue[Callable[[], None] | None]
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 class Beside:
-    """Sleeps until there is work; without a second CPU the caller does it itself."""
+    """The thread sleeps between calls; without a second CPU there is none."""
 
     def __init__(self) -> None:
-        self._calls: SimpleQueue[Call | None] | None = None  # None: no thread
         self._thread: threading.Thread | None = None
-        self._here = -1  # CPU of the caller when the thread was last kept off it
+        self._calls = Calls()
+        self._away_from = -1  # CPU that the thread is kept off
 
-    def start(self, work: Callable[[], T]) -> Callable[[], T]:
-        """Begin `work`; what is returned waits for its result, or raises what it raised."""
-        if _cpus() < 2:
-            return work
-        if self._calls is None:
-            self._calls = SimpleQueue[Call | None]()
+    def both(self, here: Callable[[], Here], there: Callable[[], There]) -> tuple[Here, There]:
+        """Results of both; raises what either raised. Nobody waits for a thread that has not begun,
+        because its CPU is busy: the caller does its work then.
+        """
+        if cpus() < 2:
+            return here(), there()
+        left = iter((there,))  # whoever takes it does it
+        done = SimpleQueue[Any]()
+
+        def call() -> None:
+            for work in left:
+                try:
+                    done.put((work(), None))
+                except BaseException as error:
+                    done.put((None, error))
+
+        with self._apart():
+            self._calls.put(call)
+            own = here()
+            for work in left:
+                return own, work()
+            other, error = done.get()
+        if error is not None:
+            raise error
+        return own, other
+
+    def close(self) -> None:
+        """End the thread; the next call begins another."""
+        if self._thread is not None:
+            self._calls.put(None)
+            self._thread.join()
+        self._thread = None
+
+    def __del__(self) -> None:
+        self._calls.put(None)
+
+    @contextmanager
+    def _apart(self) -> Generator[None]:
+        """The caller and the thread each stay on a CPU: Linux likes to wake one where the other
+        runs, whenever it has waited for the interpreter, and leaves the other CPU idle."""
+        if self._thread is None:
             self._thread = threading.Thread(
                 target=_serve, args=(self._calls,), name="beside", daemon=True
             )
             self._thread.start()
-            self._here = -1
-        self._step_aside()
-        done = SimpleQueue[tuple[T | None, BaseException | None]]()
-
-        def call() -> None:
-            try:
-                done.put((work(), None))
-            except BaseException as error:
-                done.put((None, error))
-
-        def result() -> T:
-            value, error = done.get()
-            if error is not None:
-                raise error
-            return value  # type: ignore[return-value]  # no error: `work` has returned it
-
-        self._calls.put(call)
-        return result
-
-    def close(self) -> None:
-        """End the thread, after what it does; the next `start` begins another."""
-        if self._calls is not None and self._thread is not None:
-            self._calls.put(None)
-            self._thread.join()
-        self._calls = self._thread = None
-
-    def _step_aside(self) -> None:
-        """Keep the thread off the CPU of the caller, where Linux likes to wake it."""
-        if _LIBC is None or self._thread is None:
+            self._away_from = -1
+        if _LIBC is None or not hasattr(os, "sched_setaffinity"):
+            yield
             return
-        here = _LIBC.sched_getcpu()
-        if here == self._here:
-            return
-        self._here = here
+        allowed, cpu = os.sched_getaffinity(0), _LIBC.sched_getcpu()
         try:
-            others = os.sched_getaffinity(0) - {here}
-            os.sched_setaffinity(self._thread.native_id or 0, others)
-        except OSError:  # we may not: it takes longer
-            return
+            if cpu != self._away_from:
+                os.sched_setaffinity(self._thread.native_id or 0, allowed - {cpu})
+                self._away_from = cpu
+            os.sched_setaffinity(0, {cpu})
+        except OSError:  # we may not, or the CPU has just been taken away: it takes longer
+            pass
+        try:
+            yield
+        finally:
+            os.sched_setaffinity(0, allowed)
 
-    def __del__(self) -> None:
-        if self._calls is not None:
-            self._calls.put(None)
 
-
-def _serve(calls: SimpleQueue[Call | None]) -> None:
+def _serve(calls: Calls) -> None:
     for call in iter(calls.get, None):
         call()
 
 
-def _cpus() -> int:
-    """CPUs that this process may use."""
+def cpus() -> int:
+    """CPUs that this thread may use."""
     return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1

@@ -89,12 +89,12 @@ class Driver:
         self, frame: SensorFrame, state: DriverState, timer: Timer = _untimed
     ) -> tuple[DrivenFrame, DriverState]:
         """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
-        looked = partial(self._look, frame, state, timer)
+        listen, look = (partial(f, frame, state, timer) for f in (self._listen, self._look))
         if isinstance(state.gaze, EyeState):
-            looked = self._beside.start(looked)
-        with timer("audio"):
-            features, backend_state = self.backend.audio(frame.audio, state.backend)
-        condition, gaze, gaze_state, eye_frames = looked()
+            heard, looked = self._beside.both(listen, look)
+        else:
+            heard, looked = listen(), look()
+        (features, backend_state), (condition, gaze, gaze_state, eye_frames) = heard, looked
         with timer("denoise"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
             emotion, mood = self._emotion(frame.emotion, state.mood)
@@ -114,6 +114,10 @@ class Driver:
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
         return driven, replace(after, alive=alive)
 
+    def close(self) -> None:
+        """End the thread that looks while the driver listens; it may be stepped again."""
+        self._beside.close()
+
     def check_emotion(self, words: str) -> None:
         """Raise InputError where `words` cannot be shown."""
         if self.emotions is not None:
@@ -129,6 +133,11 @@ class Driver:
             self.check_emotion(words)
             return None, mood
         return self.emotions.step(words, mood)
+
+    def _listen(self, frame: SensorFrame, state: DriverState, timer: Timer) -> tuple[Floats, Any]:
+        """The audio features [A], and the backend's state after them."""
+        with timer("audio"):
+            return self.backend.audio(frame.audio, state.backend)
 
     def _look(
         self, frame: SensorFrame, state: DriverState, timer: Timer
