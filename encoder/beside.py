@@ -7,12 +7,13 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from queue import SimpleQueue
-from typing import Any, TypeVar
+from typing import Any, TypeAlias, TypeVar
 
-Here, There = TypeVar("Here"), TypeVar("There")
-Calls = SimpleQueue[Callable[[], None] | None]
+Here = TypeVar("Here")
+There = TypeVar("There")
+Calls: TypeAlias = SimpleQueue[Callable[[], None] | None]
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
@@ -70,21 +71,20 @@ class Beside:
             )
             self._thread.start()
             self._away_from = -1
-        if _LIBC is None or not hasattr(os, "sched_setaffinity"):
+        if sys.platform != "linux" or _LIBC is None:
             yield
             return
         allowed, cpu = os.sched_getaffinity(0), _LIBC.sched_getcpu()
-        try:
+        with suppress(OSError):  # we may not: it takes longer
             if cpu != self._away_from:
                 os.sched_setaffinity(self._thread.native_id or 0, allowed - {cpu})
                 self._away_from = cpu
             os.sched_setaffinity(0, {cpu})
-        except OSError:  # we may not, or the CPU has just been taken away: it takes longer
-            pass
         try:
             yield
         finally:
-            os.sched_setaffinity(0, allowed)
+            with suppress(OSError):
+                os.sched_setaffinity(0, allowed)
 
 
 def _serve(calls: Calls) -> None:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from encoder import philox
 from encoder.alive.alive import Alive, AliveState
 from encoder.alive.face import evened
 from encoder.beside import Beside
@@ -23,6 +22,7 @@ from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
 from encoder.eyes.gaze_walk import GazeWalk, WalkState
 from encoder.eyes.tracker import EyeState, EyeTracker, eyes_in
+from encoder.nn import philox
 from encoder.types import DrivenFrame, DriverState, Floats, Mood
 from sensors.types import InputError, SensorFrame
 
@@ -89,7 +89,8 @@ class Driver:
         self, frame: SensorFrame, state: DriverState, timer: Timer = _untimed
     ) -> tuple[DrivenFrame, DriverState]:
         """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
-        listen, look = (partial(f, frame, state, timer) for f in (self._listen, self._look))
+        listen = partial(self._listen, frame, state, timer)
+        look = partial(self._look, frame, state, timer)
         if isinstance(state.gaze, EyeState):
             heard, looked = self._beside.both(listen, look)
         else:

@@ -136,7 +136,8 @@ def _running(parts: Drive) -> Generator[None]:
         if collecting:
             gc.enable()
         gc.unfreeze()
-        _close([parts.source, *opened, parts.emotions, *([parts.view] if parts.view else [])])
+        view = [parts.view] if parts.view else []
+        _close([parts.source, *opened, parts.emotions, parts.driver, *view])
 
 
 def _close(parts: Sequence[Closable]) -> None:

@@ -2,7 +2,7 @@
 
 from functools import lru_cache
 
-from encoder import philox
+from encoder.nn import philox
 
 _STREAM = 5  # of Philox counters: 0 is the denoiser's noise, 2 the gaze walk
 

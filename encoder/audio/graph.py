@@ -47,10 +47,10 @@ def sound_window(config: AudioEncoderConfig) -> tuple[int, int]:
 
 def _conv(
     g: Graph, x: str, state: str, memory: Memory, weights: Weights, name: str,
-    time: int, stride: int, dilation: int, scale: Array | float, shift: Array | float, *, exact: bool = False,
+    time: int, stride: int, dilation: int, frozen: tuple[Array, Array], *, exact: bool = False,
 ) -> tuple[str, str]:  # fmt: skip
-    """Causal convolution of x [time, C], then scale and shift a channel -> y, what is remembered."""
-    matrix, bias = _as_product(weights, name, scale, shift)
+    """Causal convolution of x [time, C] with its frozen norm -> y, what is remembered."""
+    matrix, bias = _as_product(weights, name, *frozen)
     if memory.taps:
         rows = g.op("Concat", *(ago(state, age) for age in memory.ages), x, axis=1)
         return g.linear(rows, matrix, bias, exact=exact), x
@@ -68,9 +68,7 @@ def _conv(
     return y, g.op("Slice", joined, g.const([time]), g.const([time + kept]), g.const([0]))
 
 
-def _as_product(
-    weights: Weights, name: str, scale: Array | float, shift: Array | float
-) -> tuple[Array, Array]:
+def _as_product(weights: Weights, name: str, scale: Array, shift: Array) -> tuple[Array, Array]:
     """A convolution's matrix [k C, C'] and bias [C'], scaled and shifted a channel."""
     weight = weights[f"{name}.weight"]  # [C', C, k]
     matrix = weight.transpose(2, 1, 0).reshape(-1, len(weight)) * scale
@@ -138,7 +136,7 @@ def _spectrum(
 
 
 def _context_memory(config: AudioEncoderConfig, kernel: int, dilation: int) -> Memory:
-    """Of a layer's inputs: those of whole ticks where that will do, else the rows it still hears."""
+    """Of a layer's inputs: whole ticks where these will do, else the rows it still hears."""
     time, channels, rows = config.features_a_tick, config.layers[-1][0], dilation * (kernel - 1)
     if time and dilation % time == 0:
         ages = tuple(tap * dilation // time for tap in range(kernel - 1, 0, -1))
@@ -174,16 +172,16 @@ def _encoder(
         x, after = _spectrum(g, x, config.spectrum, time, names)
     for i, (_, _, stride) in enumerate(config.layers):
         running, name, exact = config.first_norm == "running", f"convs.{i}", i < EXACT_CONVS
-        scale, shift = (1.0, 0.0) if running and i == 0 else _frozen(weights, f"norms.{i}")
+        frozen = (np.ones(1), np.zeros(1)) if running and i == 0 else _frozen(weights, f"norms.{i}")
         if f"conv{i}" in memory:
             state = f"{names}conv{i}"
             x, after[state] = _conv(
-                g, x, state, memory[f"conv{i}"], weights, name, time, stride, 1, scale, shift,
+                g, x, state, memory[f"conv{i}"], weights, name, time, stride, 1, frozen,
                 exact=exact,
             )  # fmt: skip
             time //= stride
         else:
-            x = g.linear(x, *_as_product(weights, name, scale, shift), exact=exact)
+            x = g.linear(x, *_as_product(weights, name, *frozen), exact=exact)
         if running and i == 0:
             state = f"{names}statistics"
             x, after[state] = _running_norm(g, x, state, config, weights, features)
@@ -192,10 +190,10 @@ def _encoder(
         x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
     half = g.const(np.array([0.5**0.5]))
     for i, (_, dilation) in enumerate(config.context):
-        state, folded = f"{names}context{i}", _frozen(weights, f"context_norms.{i}")
+        state, frozen = f"{names}context{i}", _frozen(weights, f"context_norms.{i}")
         y, after[state] = _conv(
             g, x, state, memory[f"context{i}"], weights, f"context_convs.{i}", time, 1, dilation,
-            *folded,
+            frozen,
         )  # fmt: skip
         x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
     if config.feature_dim:

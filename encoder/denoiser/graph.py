@@ -116,8 +116,9 @@ def denoiser_model(
     x = g.linear("inputs", weights["input.weight"].T, weights["input.bias"], exact=True)
     row = list[str]()
 
-    places = np.repeat(config.places, 2)
-    moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1) if emotion else []
+    places, moods = np.repeat(config.places, 2), list[str]()
+    if emotion:
+        moods = g.op("Split", "emotion", g.const(places), outputs=len(places), axis=1)
 
     def with_emotion(x: str, place: int) -> str:
         if not emotion:

@@ -106,12 +106,12 @@ def doubt_of(raw: NDArray[np.floating]) -> NDArray[np.floating]:
     return 0.03 + 0.5 * np.logaddexp(0, raw + 0.5)
 
 
-def within(values: NDArray[Any], least: float, most: float) -> NDArray[Any]:
+def within(values: Any, least: float, most: float) -> Any:
     """np.clip, which takes four times as long for a few numbers."""
     return np.minimum(np.maximum(values, least), most)
 
 
-def length(vectors: NDArray[Any]) -> NDArray[Any]:  # [..., n] -> [..., 1]
+def length(vectors: NDArray[Any]) -> Any:  # [..., n] -> [..., 1]
     """np.linalg.norm along the last axis, in half its time for a few numbers."""
     return np.sqrt(np.add.reduce(vectors * vectors, -1, keepdims=True))
 

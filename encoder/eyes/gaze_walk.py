@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from encoder import philox
 from encoder.eyes.gaze_graph import JOINT_FRAMES, STRIDE, GazeGraph
+from encoder.nn import philox
 
 
 @dataclass(frozen=True)

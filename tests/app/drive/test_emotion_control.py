@@ -104,6 +104,8 @@ class Echo:
         self.felt.append(frame.emotion)
         return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), AHEAD), state
 
+    def close(self) -> None: ...
+
 
 class Nothing:
     def on_start(self, info: RunInfo) -> None: ...

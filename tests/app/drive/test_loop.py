@@ -24,6 +24,8 @@ class Counting:
         code = np.full(256, state, np.float32)
         return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
 
+    def close(self) -> None: ...
+
 
 class Keep:
     def __init__(self, fail_at: int | None = None) -> None:

@@ -19,6 +19,8 @@ class Still:
     def step(self, frame, state, timer):  # noqa: ANN001, ANN201
         return DrivenFrame(frame.index, frame.t_ns, np.zeros(256, np.float32), AHEAD), state
 
+    def close(self) -> None: ...
+
 
 class Ages:
     """How old each frame's newest sample was when its code existed."""

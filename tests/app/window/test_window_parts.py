@@ -160,6 +160,8 @@ class Steps:
         code = np.array([state, frame.audio.max()], np.float32)
         return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
 
+    def close(self) -> None: ...
+
     def recentred(self, state: int) -> int:
         return 100 + state
 

@@ -12,6 +12,7 @@ import pytest
 import torch
 from eye_material import drawn_eye, encoder, graph, net
 
+from encoder import beside
 from encoder.backends import BackendName
 from encoder.denoiser.config import PRESETS as DENOISERS
 from encoder.denoiser.model import Denoiser
@@ -121,6 +122,29 @@ def test_timer_sees_the_eyes() -> None:
     frame: SensorFrame = replace(frame, eyes=pictures(1)[0], eyes_valid=np.ones(2, bool))
     d.step(frame, d.init_state(0), timer)
     assert timer.names == ["audio", "eyes", "gaze", "denoise"]
+
+
+@pytest.mark.parametrize("backend", ["torch", "onnx-int8"])
+def test_looking_while_listening_changes_nothing(
+    backend: BackendName, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One after the other, and at once: the same to the bit, whatever the cameras deliver."""
+    d, eyes, valid, found = driver(backend), pictures(30), np.ones((30, 2), bool), []
+    valid[8:12, 0], valid[15:24] = False, False
+    for cpus in (1, 2):
+        monkeypatch.setattr(beside, "cpus", lambda cpus=cpus: cpus)
+        found.append(drive(d, eyes, valid)[:2])
+    d.close()
+    assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])
+
+
+def test_an_error_of_the_eyes_ends_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(beside, "cpus", lambda: 2)
+    d = driver()
+    monkeypatch.setattr(d.eyes, "step", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        drive(d, pictures(1), np.ones((1, 2), bool))
+    d.close()
 
 
 def test_loads_by_condition(tmp_path: Path) -> None:
