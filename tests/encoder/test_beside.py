@@ -47,7 +47,19 @@ def test_both_run_at_once(pair: Beside) -> None:
 
 
 def test_errors_surface_and_it_goes_on(pair: Beside) -> None:
-    for here, there in ((int, fail), (fail, int), (fail, fail)):
+    for own_fails, other_fails in ((False, True), (True, False), (True, True)):
+        begun = threading.Event()
+
+        def there(begun: threading.Event = begun, fails: bool = other_fails) -> None:
+            begun.set()
+            if fails:
+                fail()
+
+        def here(begun: threading.Event = begun, fails: bool = own_fails) -> None:
+            assert begun.wait(10)
+            if fails:
+                fail()
+
         with pytest.raises(ValueError, match="no eye"):
             pair.both(here, there)
     assert pair.both(lambda: 1, lambda: 2) == (1, 2)

@@ -17,6 +17,8 @@ from sensors.types import FPS, NS
 class Counting:
     """A driver whose code says how often it was stepped."""
 
+    closed = False
+
     def init_state(self, seed: int) -> int:
         return 0
 
@@ -24,7 +26,8 @@ class Counting:
         code = np.full(256, state, np.float32)
         return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
 
-    def close(self) -> None: ...
+    def close(self) -> None:
+        self.closed = True
 
 
 class Keep:
@@ -43,10 +46,13 @@ class Keep:
         self.closed = True
 
 
-def run(source: Tone, clock: ManualClock, sink: Keep, realtime: bool = True):  # noqa: ANN201
+def run(  # noqa: ANN201
+    source: Tone, clock: ManualClock, sink: Keep, realtime: bool = True,
+    driver: Counting | None = None,
+):  # fmt: skip
     parts = Drive(
         source=source,
-        driver=Counting(),  # type: ignore[arg-type]
+        driver=driver or Counting(),  # type: ignore[arg-type]
         clock=clock,
         sinks=[sink],
         realtime=realtime,
@@ -70,12 +76,12 @@ def test_after_a_stall_every_frame_is_stepped_and_only_the_newest_drawn() -> Non
     assert 14 <= summary.dropped <= 15
 
 
-def test_a_full_disk_still_closes_source_and_sinks() -> None:
-    clock, sink = ManualClock(), Keep(fail_at=10)
+def test_a_full_disk_still_closes_source_driver_and_sinks() -> None:
+    clock, sink, driver = ManualClock(), Keep(fail_at=10), Counting()
     source = Tone(clock, 90)
     with pytest.raises(OSError, match="No space left"):
-        run(source, clock, sink)
-    assert sink.closed and source.closed
+        run(source, clock, sink, driver=driver)
+    assert sink.closed and source.closed and driver.closed
     assert sink.indices == list(range(10))
 
 
