@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cached_property
 from math import exp, prod
 from typing import Literal
 
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME
 
 Doubles = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Layer = tuple[int, int, int]  # width, kernel, stride
 
 
@@ -42,16 +44,29 @@ class SpectrumConfig:
     def decay(self) -> float:  # of the log peak, each hop
         return self.hop / self.rate / self.release_s
 
-    def kernels(self) -> Doubles:
-        """[window, 2 bins]: windowed cosines, then sines."""
+    def shape(self) -> Doubles:
+        """[window] weights of its samples."""
         rise = self.window - self.fall
-        window = np.concatenate([
+        shape = np.concatenate([
             0.5 - 0.5 * np.cos(np.pi * (np.arange(rise) + 0.5) / rise),
             0.5 + 0.5 * np.cos(np.pi * (np.arange(self.fall) + 0.5) / self.fall),
         ])  # fmt: skip
-        window /= np.sqrt((window**2).sum())
+        return shape / np.sqrt((shape**2).sum())
+
+    def kernels(self) -> Doubles:
+        """[window, 2 bins]: windowed cosines, then sines."""
         angles = 2 * np.pi * np.outer(np.arange(self.window), self.hz()) / self.rate
-        return np.concatenate([np.cos(angles), np.sin(angles)], 1) * window[:, None]
+        return np.concatenate([np.cos(angles), np.sin(angles)], 1) * self.shape()[:, None]
+
+    def powers(self, windows: Singles) -> Singles:
+        """[n, window] -> [n, bins]: what `kernels` give, squared and added, in half the time."""
+        length = round(self.rate * self.bins / self.high_hz)
+        waves = np.fft.rfft(windows * self._shape, length)[:, 1 : self.bins + 1]
+        return (waves.real**2 + waves.imag**2).astype(np.float32, copy=False)
+
+    @cached_property
+    def _shape(self) -> Singles:
+        return self.shape().astype(np.float32)
 
     def hz(self) -> Doubles:  # [bins]
         return np.arange(1, self.bins + 1) * self.high_hz / self.bins

@@ -38,7 +38,7 @@ def ago(name: str, age: int) -> str:
 
 
 def sound_window(config: AudioEncoderConfig) -> tuple[int, int]:
-    """Size and hop of the windows that the first layer hears, in samples."""
+    """Size and hop of the windows that the first layer hears, or their powers, in samples."""
     if spectrum := config.spectrum:
         return spectrum.window, spectrum.hop
     _, kernel, stride = config.layers[0]
@@ -46,23 +46,21 @@ def sound_window(config: AudioEncoderConfig) -> tuple[int, int]:
 
 
 def _conv(
-    g: Graph, x: str, state: str, memory: Memory, weights: Weights, name: str,
-    time: int, stride: int, dilation: int, frozen: tuple[Array, Array], *, exact: bool = False,
+    g: Graph, x: str, state: str, memory: Memory, product: tuple[Array, Array],
+    time: int, kernel: int, stride: int, dilation: int, *, exact: bool = False,
 ) -> tuple[str, str]:  # fmt: skip
-    """Causal convolution of x [time, C] with its frozen norm -> y, what is remembered."""
-    matrix, bias = _as_product(weights, name, *frozen)
+    """Causal convolution of x [time, C] -> y, what is remembered; product: matrix and bias."""
     if memory.taps:
         rows = g.op("Concat", *(ago(state, age) for age in memory.ages), x, axis=1)
-        return g.linear(rows, matrix, bias, exact=exact), x
-    _, channels, kernel = weights[f"{name}.weight"].shape
+        return g.linear(rows, *product, exact=exact), x
     kept = memory.shape[0]
     joined = g.op("Concat", ago(state, 1), x, axis=0)
     first = kept + stride - 1 - dilation * (kernel - 1)
     starts = np.arange(first, first + time, stride)[:, None]
     index = g.const((starts + np.arange(kernel) * dilation).reshape(-1))
     rows = g.op("Gather", joined, index, axis=0)
-    rows = g.op("Reshape", rows, g.const([time // stride, kernel * channels]))
-    y = g.linear(rows, matrix, bias, exact=exact)
+    rows = g.op("Reshape", rows, g.const([time // stride, len(product[0])]))
+    y = g.linear(rows, *product, exact=exact)
     if kept == time:
         return y, x
     return y, g.op("Slice", joined, g.const([time]), g.const([time + kept]), g.const([0]))
@@ -110,10 +108,8 @@ def _running_norm(
 def _spectrum(
     g: Graph, x: str, config: SpectrumConfig, hops: int, names: str
 ) -> tuple[str, dict[str, str]]:
-    """Spectrum.step on windows x [hops, window] -> [hops, bands] and its next state."""
-    waves = g.op("MatMul", x, g.const(config.kernels()))
-    waves = g.op("Split", g.op("Mul", waves, waves), axis=1, num_outputs=2, outputs=2)
-    bands = g.op("MatMul", g.op("Add", *waves), g.const(config.bank()))
+    """Spectrum.step on powers x [hops, bins] -> [hops, bands] and its next state."""
+    bands = g.op("MatMul", x, g.const(config.bank()))
     lag = np.subtract.outer(np.arange(hops), np.arange(hops))
     past = np.where(lag >= 0, (1 - config.keep) * config.keep ** np.maximum(lag, 0), 0.0)
     fresh = g.op("MatMul", g.const(past), g.op("ReduceMean", bands, g.const([1])))
@@ -170,34 +166,36 @@ def _encoder(
     time = features * config.stride // sound_window(config)[1]
     if config.spectrum:
         x, after = _spectrum(g, x, config.spectrum, time, names)
-    for i, (_, _, stride) in enumerate(config.layers):
-        running, name, exact = config.first_norm == "running", f"convs.{i}", i < EXACT_CONVS
-        frozen = (np.ones(1), np.zeros(1)) if running and i == 0 else _frozen(weights, f"norms.{i}")
+    for i, (_, kernel, stride) in enumerate(config.layers):
+        running, exact = i == 0 and config.first_norm == "running", i < EXACT_CONVS
+        frozen = (np.ones(1), np.zeros(1)) if running else _frozen(weights, f"norms.{i}")
+        product, state = _as_product(weights, f"convs.{i}", *frozen), f"{names}conv{i}"
         if f"conv{i}" in memory:
-            state = f"{names}conv{i}"
             x, after[state] = _conv(
-                g, x, state, memory[f"conv{i}"], weights, name, time, stride, 1, frozen,
-                exact=exact,
-            )  # fmt: skip
+                g, x, state, memory[f"conv{i}"], product, time, kernel, stride, 1, exact=exact
+            )
             time //= stride
         else:
-            x = g.linear(x, *_as_product(weights, name, *frozen), exact=exact)
-        if running and i == 0:
+            x = g.linear(x, *product, exact=exact)
+        if running:
             state = f"{names}statistics"
             x, after[state] = _running_norm(g, x, state, config, weights, features)
         x = g.op("Relu", x)
     if not config.bands:
         x = g.op("Log", g.op("Add", x, g.const(np.array([1.0]))))
-    half = g.const(np.array([0.5**0.5]))
-    for i, (_, dilation) in enumerate(config.context):
+    # Sums are not brought back to size (factor .5 ** .5) layer by layer, but biases grow with them.
+    grown = 1.0
+    for i, (kernel, dilation) in enumerate(config.context):
         state, frozen = f"{names}context{i}", _frozen(weights, f"context_norms.{i}")
+        matrix, bias = _as_product(weights, f"context_convs.{i}", *frozen)
         y, after[state] = _conv(
-            g, x, state, memory[f"context{i}"], weights, f"context_convs.{i}", time, 1, dilation,
-            frozen,
-        )  # fmt: skip
-        x = g.op("Mul", g.op("Add", g.op("Relu", y), x), half)
+            g, x, state, memory[f"context{i}"], (matrix, bias * grown), time, kernel, 1, dilation
+        )
+        x, grown = g.op("Add", g.op("Relu", y), x), grown * 2**0.5
     if config.feature_dim:
-        x = g.linear(x, weights["project.weight"].T, weights["project.bias"])
+        x = g.linear(x, weights["project.weight"].T / grown, weights["project.bias"])
+    else:
+        x = g.op("Mul", x, g.const(np.array([1 / grown])))
     return x, after
 
 
@@ -219,7 +217,8 @@ def audio_model(
     for names, part in (("", config), (SECOND, config.second)):
         if part:
             size, hop = sound_window(part)
-            heard[f"{names}windows"] = [features * part.stride // hop, size]
+            width = part.spectrum.bins if part.spectrum else size
+            heard[f"{names}windows"] = [features * part.stride // hop, width]
     return g.model(
         heard,
         {"features": [features, sum(width for width, _ in config.parts)],

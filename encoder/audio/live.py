@@ -50,10 +50,10 @@ class LiveAudio:
         self._memory = audio_memory(config)
         self._heard = [(ago(n, age), n, age - 1) for n, m in self._memory.items() for age in m.ages]
         self._outputs = ["features", *(f"{name}_next" for name in self._memory)]
-        self._windows = {"windows": sound_window(config)}
-        if config.second:
-            self._windows[f"{SECOND}windows"] = sound_window(config.second)
-        self._reach = max(size - hop for size, hop in self._windows.values())
+        self._windows = {"windows": (*sound_window(config), config.spectrum)}
+        if second := config.second:
+            self._windows[f"{SECOND}windows"] = (*sound_window(second), second.spectrum)
+        self._reach = max(size - hop for size, hop, _ in self._windows.values())
         self._priors = {
             name.replace("norms.0.prior", "statistics"): prior.reshape(1, 2).astype(np.float32)
             for name, prior in weights.items()
@@ -79,10 +79,10 @@ class LiveAudio:
         sound = np.concatenate([state.sound, fresh])
         num = (len(sound) - self._reach) // self._stride
         used = num * self._stride
-        inputs = {
-            name: _windows(sound[self._reach - size + hop :], used // hop, size, hop).copy()
-            for name, (size, hop) in self._windows.items()
-        }
+        inputs = dict[str, Floats]()
+        for name, (size, hop, spectrum) in self._windows.items():
+            heard = _windows(sound[self._reach - size + hop :], used // hop, size, hop)
+            inputs[name] = spectrum.powers(heard) if spectrum else heard.copy()
         for name, memory, age in self._heard:
             inputs[name] = state.layers[memory][age]
         features, *after = self._encoders[num].run(self._outputs, inputs)
