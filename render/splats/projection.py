@@ -12,6 +12,30 @@ from render.splats import reach_kernels
 from render.splats.shine import FAST, ONE, ZERO, add_shine
 from render.types import U32, U64, Floats
 
+RUN = 512  # Gaussians that are left out together
+
+@njit(cache=True, nogil=True)
+def shown_slices(
+    opacities: Floats,  # [N]
+    at_once: int,  # Gaussians of a slice, at most; a multiple of RUN
+) -> list[tuple[int, int]]:
+    """First and last (left out) Gaussians of slices that hold all that can be seen.
+
+    Skin under hair is transparent, one long run after another.
+    """
+    slices = [(0, 0)]
+    for first in range(0, len(opacities), RUN):
+        last = min(first + RUN, len(opacities))
+        for opacity in opacities[first:last]:
+            if opacity >= kernels.MIN_ALPHA:
+                start, end = slices[-1]
+                if end == first and last - start <= at_once:
+                    slices[-1] = start, last
+                else:
+                    slices.append((first, last))
+                break
+    return slices
+
 
 @njit(**FAST)
 def project(

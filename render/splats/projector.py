@@ -5,7 +5,7 @@ import numpy as np
 from render.lighting import FILM, TOWARDS
 from render.splats import projection, projection_kernels
 from render.splats.depth_order import DepthOrder
-from render.splats.projection_kernels import MAX_ALPHA, TILE_PX
+from render.splats.projection_kernels import BROKEN, MAX_ALPHA, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
 from render.splats.shine import SOFT
 from render.splats.threads import Threads
@@ -21,6 +21,7 @@ class Projector:
 
     def __init__(self, threads: Threads) -> None:
         self._threads = threads
+        self._slices: list[tuple[int, int]] = []  # of the Gaussians, what may be seen of them
         self._reserve(0)
         self._order = DepthOrder()
 
@@ -58,12 +59,12 @@ class Projector:
             if part == 0:  # the longest part, which cannot be shared
                 order[0] = self._order.of(self._depths)
                 return
-            first, last = self._slice(part - 1)
+            first, last = self._slices[part - 1]
             out = self._rows, self._reaches, self._further
             projection.reach(first, last, self._ellipses, boxes, across, *out)
             projection.interleave(self._ellipses, colors, first, last, splats)
 
-        self._threads.share(sort_or_reach, 1 + self._parts)
+        self._threads.share(sort_or_reach, 1 + len(self._slices))
         return order[0], Reaches(self._reaches, self._further)
 
     def _project(self, gaussians: Gaussians, camera: Camera) -> None:
@@ -74,6 +75,8 @@ class Projector:
             np.ascontiguousarray(getattr(gaussians, name), np.float32).reshape(-1)
             for name in FIELDS
         )
+        self._slices = projection.shown_slices(opacities, AT_ONCE)
+        self._depths.fill(BROKEN)
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
         across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
         boxes, colors, depths = self.boxes.reshape(-1), self._colors.reshape(-1), self._depths
@@ -82,7 +85,7 @@ class Projector:
         shine = gaussians.shine
 
         def project(part: int) -> None:
-            first, last = self._slice(part)
+            first, last = self._slices[part]
             projection.project(
                 first, last, means, quats, scales, opacities, view, lens, depths, faded,
                 variances, ellipses,
@@ -102,15 +105,7 @@ class Projector:
                 variances, across, down, near, ellipses, boxes, depths,
             )  # fmt: skip
 
-        self._threads.share(project, self._parts)
-
-    def _slice(self, part: int) -> tuple[int, int]:
-        """First and last (left out) of the Gaussians of a part."""
-        return part * AT_ONCE, min((part + 1) * AT_ONCE, len(self.boxes))
-
-    @property
-    def _parts(self) -> int:
-        return -(-len(self.boxes) // AT_ONCE)
+        self._threads.share(project, len(self._slices))
 
     def _reserve(self, count: int) -> None:
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
