@@ -14,6 +14,7 @@ from render.types import U32, U64, Floats
 
 RUN = 512  # Gaussians that are left out together
 
+
 @njit(cache=True, nogil=True)
 def shown_slices(
     opacities: Floats,  # [N]

@@ -8,8 +8,8 @@ from render.splats.depth_order import DepthOrder
 from render.splats.projection_kernels import BROKEN, MAX_ALPHA, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
 from render.splats.shine import SOFT
-from render.splats.threads import Threads
 from render.splats.tile_pairs import Reaches
+from render.threads import Threads
 from render.types import FIELDS, U32, Camera, Floats, Gaussians
 
 TRANSPARENT = np.float32(1e-6)

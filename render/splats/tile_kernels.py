@@ -50,7 +50,7 @@ def nearest_first(
             digit = np.uintp((bits[i] - nearest) >> shift & LOW)
             work[places[digit]] = i
             places[digit] += np.uint32(1)
-    total = np.intp(places[(1 << DIGIT) - 1])
+    total = int(places[(1 << DIGIT) - 1])
     places = np.cumsum(counts[1]).astype(np.uint32)
     for n in range(total):
         i = work[n]

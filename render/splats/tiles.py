@@ -12,8 +12,8 @@ from render.gl.contexts import GLContext
 from render.splats.blend_kernels import NUMBERS, blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
-from render.splats.threads import Threads
 from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
+from render.threads import Threads
 from render.types import U32, Camera, Gaussians
 
 PARTS = 8  # of a picture's tiles, a thread
