@@ -2,17 +2,15 @@
 
 import numpy as np
 
-from render.lighting import FILM, TOWARDS
 from render.splats import projection, projection_kernels
 from render.splats.depth_order import DepthOrder
-from render.splats.projection_kernels import BROKEN, MAX_ALPHA, TILE_PX
+from render.splats.projection_kernels import BROKEN, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
-from render.splats.shine import SOFT
 from render.splats.tile_pairs import Reaches
 from render.threads import Threads
-from render.types import FIELDS, U32, Camera, Floats, Gaussians
+from render.types import FIELDS, U32, Camera, Floats, Gaussians, Shine
 
-TRANSPARENT = np.float32(1e-6)
+NOTHING = Shine(*(np.zeros(shape, np.float32) for shape in ((0, 4), 0, (4, 3))))
 AT_ONCE = 8192  # Gaussians; what a thread computes of them stays in its caches
 
 
@@ -59,10 +57,8 @@ class Projector:
             if part == 0:  # the longest part, which cannot be shared
                 order[0] = self._order.of(self._depths)
                 return
-            first, last = self._slices[part - 1]
-            out = self._rows, self._reaches, self._further
-            projection.reach(first, last, self._ellipses, boxes, across, *out)
-            projection.interleave(self._ellipses, colors, first, last, splats)
+            out = self._rows, self._reaches, self._further, splats
+            projection.reach(*self._slices[part - 1], self._ellipses, colors, boxes, across, *out)
 
         self._threads.share(sort_or_reach, 1 + len(self._slices))
         return order[0], Reaches(self._reaches, self._further)
@@ -78,39 +74,21 @@ class Projector:
         self._slices = projection.shown_slices(opacities, AT_ONCE)
         self._depths.fill(BROKEN)
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
-        across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
-        boxes, colors, depths = self.boxes.reshape(-1), self._colors.reshape(-1), self._depths
-        ellipses, variances, faded = self._ellipses, self._variances, self._faded
+        size = tuple(np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
         near, viewer = np.float32(camera.near_mm), camera.position.astype(np.float32)
-        shine = gaussians.shine
+        shine = gaussians.shine or NOTHING
+        mirrors = np.ascontiguousarray(shine.weights).reshape(-1), shine.roughness, shine.lamps
+        given = means, quats, scales, opacities, stored, mirrors, view, lens, viewer, size, near
+        out = self._colors.reshape(-1), self._depths, self.boxes.reshape(-1), self._ellipses
 
         def project(part: int) -> None:
-            first, last = self._slices[part]
-            projection.project(
-                first, last, means, quats, scales, opacities, view, lens, depths, faded,
-                variances, ellipses,
-            )  # fmt: skip
-            log2_opacity = ellipses[5, first:last]
-            np.clip(faded[first:last], TRANSPARENT, MAX_ALPHA, out=log2_opacity)
-            np.log2(log2_opacity, out=log2_opacity)
-            colors[3 * first : 3 * last] = stored[3 * first : 3 * last]
-            if shine is not None:
-                weights, lamps = np.ascontiguousarray(shine.weights).reshape(-1), shine.lamps
-                projection.shine_on(
-                    first, last, means, quats, viewer, weights, shine.roughness,
-                    SOFT, TOWARDS, lamps, FILM, colors,
-                )  # fmt: skip
-            projection.bound_and_cull(
-                first, last, means, quats, scales, opacities, colors, faded,
-                variances, across, down, near, ellipses, boxes, depths,
-            )  # fmt: skip
+            projection.project(*self._slices[part], *given, *out)
 
         self._threads.share(project, len(self._slices))
 
     def _reserve(self, count: int) -> None:
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
         self._ellipses = np.zeros((7, count), np.float32)
-        self._variances, self._faded = np.zeros((3, count), np.float32), np.zeros(count, np.float32)
         self._colors = np.zeros((count, 3), np.float32)  # as seen from the camera
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
         self._reaches = np.zeros(count, np.uint64)

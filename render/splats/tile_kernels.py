@@ -68,9 +68,10 @@ def count_tiles(
     order: U32,  # [M] of the splats that are dealt
     across: int,
     seen: U64,  # -> [M] reaches in this order: `fill_tiles` must not wait for them
-    counts: NDArray[np.int32],  # -> [tiles + BELOW rows + 1] splats of each tile, then zeros
-) -> None:
-    counts[:] = 0  # first the change from each tile to the next
+    starts: U32,  # -> [tiles + 2] see tile_pairs.Pairs
+) -> int:  # how many splats all tiles have
+    counts = np.zeros(len(starts) - 1 + BELOW * across, np.int32)
+    # first the change from each tile to the next
     for m in range(len(order)):
         i = np.uintp(order[m])
         reach = seen[m] = reaches[i]
@@ -84,8 +85,12 @@ def count_tiles(
             for y in range(y0, y1):
                 counts[y * np.uintp(across) + x0] += 1
                 counts[y * np.uintp(across) + x1] -= 1
-    for tile in range(1, len(counts)):
-        counts[tile] += counts[tile - 1]
+    total, count, starts[0] = 0, 0, 0
+    for tile in range(len(starts) - 1):
+        count += counts[tile]
+        total += count
+        starts[tile + 1] = total + tile + 1
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -105,9 +110,10 @@ def fill_tiles(
     boxes: U32,
     order: U32,  # [M] of the splats, nearest first
     across: int,
-    places: U32,  # [tiles + 2] first place of each tile; moved to its end
+    starts: U32,  # [tiles + 2] first place of each tile
     splats: U32,  # -> [P + tiles + 2] tile after tile, one place apart
 ) -> None:
+    places = starts.copy()
     for m in range(len(order)):
         splat, reach = order[m], seen[m]
         tile = np.uintp(reach >> TILE_BITS & FIRST_TILE)
