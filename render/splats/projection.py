@@ -7,10 +7,9 @@ A few thousand at a time stay in the caches from one loop to the next.
 import numpy as np
 from numba import njit
 
-from render.lighting import FILM, TOWARDS
 from render.splats import projection_kernels as kernels
 from render.splats import reach_kernels
-from render.splats.shine import FAST, ONE, SOFT, ZERO, add_shine
+from render.splats.shine import FAST, ONE, ZERO, add_shine
 from render.types import U32, U64, Floats
 
 RUN = 512  # Gaussians that are left out together
@@ -48,7 +47,8 @@ def project(
     scales: Floats,  # [N * 3]
     opacities: Floats,  # [N]
     stored: Floats,  # [N * 3] colours
-    mirrors: tuple[Floats, Floats, Floats],  # weights [M * 4], roughness [M], lamps: see Shine
+    mirrors: tuple[Floats, Floats, Floats, Floats, Floats, Floats],  # from weights to film, see
+    # shine.add_shine
     view: Floats,  # [12]
     lens: Floats,  # [8]
     viewer: Floats,  # [3]
@@ -80,10 +80,10 @@ def project(
     kernels.invert(var_x, var_y, cov, p, q, r)
     kernels.bound(x, y, var_x, var_y, log2_opacity, size[0], size[1], half_y, boxes)
     colors[:] = stored[3 * first : 3 * last]
-    weights, roughness, lamps = mirrors
+    weights, roughness, soft, towards, lamps, film = mirrors
     weights, roughness = weights[4 * first : 4 * last], roughness[first:last]
     if len(roughness):
-        add_shine(means, quats, viewer, weights, roughness, SOFT, TOWARDS, lamps, FILM, colors)
+        add_shine(means, quats, viewer, weights, roughness, soft, towards, lamps, film, colors)
     kernels.cull(means, quats, scales, opacities, faded, colors, boxes, near_mm, depths)
 
 

@@ -2,10 +2,12 @@
 
 import numpy as np
 
+from render.lighting import FILM, TOWARDS
 from render.splats import projection, projection_kernels
 from render.splats.depth_order import DepthOrder
 from render.splats.projection_kernels import BROKEN, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
+from render.splats.shine import SOFT
 from render.splats.tile_pairs import Reaches
 from render.threads import Threads
 from render.types import FIELDS, U32, Camera, Floats, Gaussians, Shine
@@ -74,15 +76,18 @@ class Projector:
         self._slices = projection.shown_slices(opacities, AT_ONCE)
         self._depths.fill(BROKEN)
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
-        size = tuple(np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
+        across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
         near, viewer = np.float32(camera.near_mm), camera.position.astype(np.float32)
         shine = gaussians.shine or NOTHING
-        mirrors = np.ascontiguousarray(shine.weights).reshape(-1), shine.roughness, shine.lamps
-        given = means, quats, scales, opacities, stored, mirrors, view, lens, viewer, size, near
+        weights = np.ascontiguousarray(shine.weights).reshape(-1)
+        mirrors = weights, shine.roughness, SOFT, TOWARDS, shine.lamps, FILM
+        place = view, lens, viewer, (across, down), near
         out = self._colors.reshape(-1), self._depths, self.boxes.reshape(-1), self._ellipses
 
         def project(part: int) -> None:
-            projection.project(*self._slices[part], *given, *out)
+            first, last = self._slices[part]
+            cloud = means, quats, scales, opacities, stored, mirrors
+            projection.project(first, last, *cloud, *place, *out)
 
         self._threads.share(project, len(self._slices))
 
