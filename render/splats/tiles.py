@@ -69,7 +69,8 @@ class TileRenderer:
         size = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         portions = [Pairs(order, order)] * PORTIONS
 
-        def deal(k: int) -> None:
+        def deal(part: int) -> None:
+            k = PORTIONS - 1 - part  # the farthest has the most pairs: it must not be the last
             portion = order[len(order) * k // PORTIONS : len(order) * (k + 1) // PORTIONS]
             portions[k] = bin_splats(
                 self._projector.boxes, portion, size, reaches, MAX_PAIRS // PORTIONS
