@@ -27,6 +27,7 @@ from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, SHEEN, Lighting
 from render.teeth_light import TeethLight
+from render.threads import Threads
 from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
@@ -64,6 +65,7 @@ class Decoder:
     regions: dict[str, NDArray[np.int32]]  # vertex sets by name
     density: Density
     _cache: "WeakKeyDictionary[Identity, IdentityCache]"
+    _threads: Threads
 
     @classmethod
     def load(
@@ -79,7 +81,8 @@ class Decoder:
             known = ", ".join(LIGHTINGS)
             raise InputError(f"light: expected one of {known}, got {light!r}; try studio")
         fields, cache = load(folder, gaussians), WeakKeyDictionary()
-        return cls(**fields, density=gaussians, lighting=LIGHTINGS[light], _cache=cache)
+        lights, threads = LIGHTINGS[light], Threads()
+        return cls(**fields, density=gaussians, lighting=lights, _cache=cache, _threads=threads)
 
     @property
     def to_code(self) -> Floats:
@@ -156,7 +159,10 @@ class Decoder:
         With `reuse` these are the last such call's arrays for this identity, overwritten.
         """
         rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
-        vertices = self.posing.pose(rig, gaze, identity.rest)
+        vertices, visibility = self._threads.both(
+            lambda: self.posing.pose(rig, gaze, identity.rest),
+            lambda: self.visibility(expression, identity),
+        )
         fixed = identity, cache, self.roughness, self.lighting
         cloud = cache.cloud if reuse else static_cloud(*fixed)
         means, quats, scales, opacities, colors = (getattr(cloud, name) for name in FIELDS)
@@ -165,7 +171,6 @@ class Decoder:
         assert cloud.shine is not None
         rows = (means[:count], quats[:count], scales[:count], colors[:count])
         skin = SkinGaussians(*rows, cloud.shine.weights)
-        visibility = self.visibility(expression, identity)
         gap = self.posing.mouth.gaps(vertices).max()
         self.teeth_light.fill(visibility, gap)
         self.tongue_light.fill(vertices, identity.geometry, visibility, gap)
@@ -174,29 +179,35 @@ class Decoder:
             bent, at_rest = cache.neck.bent(head, breath), vertices[cache.skin.rows]
             turned, move = TurnedHead(bent, cache.still, cache.stretch), bent.head
             neck.bend_vertices(vertices, cache.skin, bent)
+        spots, hair = slice(count, count + 2), slice(count + 2, count + 2 + len(cache.strands))
+        still, strands = (cache.strands.means, cache.strands.quats), slice(hair.stop, len(means))
+        looks = gaze, identity.eye_centers, cache.eye_sizes, eyes.HALF @ move[:, :3]
+
+        def place_hair() -> None:
+            if bent:
+                neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
+            else:
+                means[hair], quats[hair] = still
+
+        def place_beard() -> None:
+            eyes.place_highlights(self.posing, vertices, *looks, means[spots], opacities[spots])
+            identity.beard.attach(vertices, means[strands], quats[strands])
+            if bent:
+                for rows in (spots, strands):
+                    neck.turn(means[rows], quats[rows], bent)
+            quats[spots] = (1, 0, 0, 0)  # round: a turn shows nothing
+
         shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
-        self.surface.place(*shown, skin, self.lighting, turned)
+        share, beside = self._threads.share, (place_hair, place_beard)
+        self.surface.place(*shown, skin, self.lighting, turned, share, beside)
         self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
         for line, eye in zip(self.posing.lid_lines, self.eyes, strict=True):
             lid = skin.colors[eye.lid].mean(0)
             line.tint_covered(vertices, skin.means, eye.covered, lid, skin.colors, move)
         opened = min(max((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0), 1)
         scaled(cache.opacities, self.interior, np.float32(opened), opacities)
-        spots = slice(count, count + 2)
-        looks = gaze, identity.eye_centers, cache.eye_sizes, eyes.HALF @ move[:, :3]
-        eyes.place_highlights(self.posing, vertices, *looks, means[spots], opacities[spots])
-
-        strands = slice(len(means) - len(identity.beard), len(means))
-        identity.beard.attach(vertices, means[strands], quats[strands])
-        hair, still = slice(count + 2, strands.start), (cache.strands.means, cache.strands.quats)
         if bent:
             vertices[cache.skin.rows] = at_rest
-            neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
-            for rows in (spots, strands):
-                neck.turn(means[rows], quats[rows], bent)
-            quats[spots] = (1, 0, 0, 0)  # round: a turn shows nothing
-        else:
-            means[hair], quats[hair] = still
         return Mesh(vertices, self.faces), cloud
 
     def cached(self, identity: Identity) -> IdentityCache:

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import csr_array
 
-from render.types import Floats, Ints
+from render.decoder.kernels import surface as kernels
+from render.types import Floats, Ints, Shorts
 
 SKIN, EYE, COLOURED, TEETH = range(4)
 
@@ -56,3 +57,26 @@ def vertex_normals(vertices: Floats, faces: Ints, gather: csr_array) -> Floats: 
     normals = gather @ np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True) + np.float32(1e-9)
     return normals.astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles around some vertices."""
+
+    corners: Shorts  # [F, 3] rows of the mesh's vertices
+    rows: Shorts  # [F, 3] which of the n vertices each corner is, or n: none
+    count: int  # n
+
+    def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
+        """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
+        triangle [F + 1], mm^2; the last is 1, for what never stretches."""
+        normals, totals, areas = np.empty((self.count, 3), np.float32), *self.around(vertices)
+        kernels.normalise(totals, np.arange(self.count, dtype=np.int32), normals)
+        return normals, totals[:-1, 3], areas
+
+    def around(self, vertices: Floats) -> tuple[Floats, Floats]:
+        """[V, 3] mm -> [n + 1, 4], [F + 1]: see kernels.around_vertices."""
+        totals = np.empty((self.count + 1, 4), np.float32)
+        areas = np.empty(len(self.corners) + 1, np.float32)
+        kernels.around_vertices(vertices, self.corners, self.rows, totals, areas)
+        return totals, areas

@@ -5,6 +5,7 @@ everyone). It lies flat on the surface, stretches with it, and its colour is the
 under the light that the posed face receives.
 """
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import NamedTuple
@@ -17,8 +18,10 @@ from render import lighting
 from render.decoder.kernels import light as light_kernels
 from render.decoder.kernels import surface as kernels
 from render.decoder.lines import AT_REST
+from render.decoder.mesh_parts import Triangles
 from render.decoder.neck import RestSurface, TurnedHead
 from render.lighting import STUDIO, Lighting
+from render.threads import Share, in_turn
 from render.types import Floats, Ints, Shorts
 
 SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
@@ -28,30 +31,8 @@ FLUSH = np.array([0.06, 0.20, 0.17], np.float32)  # of red, green, blue for a do
 FLUSHES = (np.float32(0.6), np.float32(1.35))
 BEHIND = np.float32(1.0001)  # more than 1: straight backward is a rotation too
 LIGHT = slice(kernels.LIGHT, kernels.LIGHT + 3)  # linear, of what a vertex carries
+AT_ONCE, VERTICES_AT_ONCE = 96 * kernels.BLOCK, 36 * kernels.BLOCK  # that a thread makes
 STRETCH = (np.float32(0.6), np.float32(1.5))  # how far the width follows the triangle
-
-
-@dataclass(frozen=True)
-class Triangles:
-    """Triangles around some vertices."""
-
-    corners: Shorts  # [F, 3] rows of the mesh's vertices
-    rows: Shorts  # [F, 3] which of the n vertices each corner is, or n: none
-    count: int  # n
-
-    def normals(self, vertices: Floats) -> tuple[Floats, Floats, Floats]:
-        """[V, 3] mm -> unit normals [n, 3], twice the areas around each vertex [n] and of each
-        triangle [F + 1], mm^2; the last is 1, for what never stretches."""
-        normals, totals, areas = np.empty((self.count, 3), np.float32), *self.around(vertices)
-        kernels.normalise(totals, np.arange(self.count, dtype=np.int32), normals)
-        return normals, totals[:-1, 3], areas
-
-    def around(self, vertices: Floats) -> tuple[Floats, Floats]:
-        """[V, 3] mm -> [n + 1, 4], [F + 1]: see kernels.around_vertices."""
-        totals = np.empty((self.count + 1, 4), np.float32)
-        areas = np.empty(len(self.corners) + 1, np.float32)
-        kernels.around_vertices(vertices, self.corners, self.rows, totals, areas)
-        return totals, areas
 
 
 class SkinGaussians(NamedTuple):
@@ -100,18 +81,32 @@ class Surface:
         out: SkinGaussians,  # filled, but for the shine of the rims
         lights: Lighting = STUDIO,
         turned: TurnedHead | None = None,
+        share: Share = in_turn,
+        beside: Sequence[Callable[[], None]] = (),
     ) -> None:
         """The anchored Gaussians of a posed face; `turned`: how it is turned from where the
-        vertices are, and how the skin of the neck is bent and stretched."""
+        vertices are, and how the skin of the neck is bent and stretched. `beside`: what else those
+        that share the work do, who may read the vertices."""
         if turned:
             rest = turned.surface(rest)
-        attributes, areas = self.vertex_attributes(vertices, visibility, rest, lights, turned)
-        rows, weights, triangles, rest_areas = self.anchors
-        kernels.skin_gaussians(
-            *(attributes, rows, weights, areas, rest_areas, triangles, rest.widths),
-            *(reflected, gloss, self.depths),
-            *(lighting.FILM, *STRETCH, FLATNESS, BEHIND, *out),
+        attributes, areas = self.vertex_attributes(
+            vertices, visibility, rest, lights, turned, share
         )
+        rows, weights, triangles, rest_areas = self.anchors
+        kernels.stretches(areas, rest_areas, *STRETCH)
+
+        def make(part: int) -> None:
+            if part < len(beside):
+                beside[part]()
+                return
+            first = (part - len(beside)) * AT_ONCE
+            kernels.skin_gaussians(
+                *(first, min(first + AT_ONCE, len(rows)), attributes, rows, weights),
+                *(areas, triangles, rest.widths, reflected, gloss, self.depths),
+                *(lighting.FILM, FLATNESS, BEHIND, *out),
+            )
+
+        share(make, len(beside) - len(rows) // -AT_ONCE)
 
     def vertex_attributes(
         self,
@@ -120,6 +115,7 @@ class Surface:
         rest: RestSurface,
         lights: Lighting = STUDIO,
         turned: TurnedHead | None = None,
+        share: Share = in_turn,
     ) -> tuple[Floats, Floats]:
         """What `kernels.skin_gaussians` interpolates from each used vertex (the light on a white
         surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
@@ -129,11 +125,17 @@ class Surface:
         move, towards = AT_REST, lighting.TOWARDS_AND_UP
         if turned:
             move, towards = turned.bent.head, towards @ turned.bent.head[:, :3]
-        out = np.empty((len(self.used), kernels.CARRIED), np.float32)
-        light_kernels.vertex_attributes(
-            *(vertices, self.used, normals, visibility, towards, *lights.terms),
-            *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
-        )
+        count = len(self.used)
+        out = np.empty((count, kernels.CARRIED), np.float32)
+
+        def light(part: int) -> None:
+            light_kernels.vertex_attributes(
+                *(part * VERTICES_AT_ONCE, min((part + 1) * VERTICES_AT_ONCE, count)),
+                *(vertices, self.used, normals, visibility, towards, *lights.terms),
+                *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
+            )
+
+        share(light, -(count // -VERTICES_AT_ONCE))
         light_kernels.gain_light(self.live, self.flush(totals[:-1, 3], rest.sums), out)
         return out, areas
 

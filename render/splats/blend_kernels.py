@@ -23,7 +23,7 @@ LANES, VECTORS = 16, 4  # pixels of a vector; vectors of a tile
 PIXELS = LANES * VECTORS
 NUMBERS = 12  # of a splat, see `projection.interleave`; nine are used
 AT_ONCE = np.uintp(8)  # splats that are blended before it is asked whether they hide the rest
-AHEAD = np.uintp(4)  # splats that are fetched before they are needed
+AHEAD = np.uintp(8)  # splats that are fetched before they are needed
 OPAQUE = np.float32(1 / 128)  # a tile that lets less through hides the rest
 FUSED = ("contract",)  # a product and its sum are rounded once where the machine can
 # 2^x = P(x)^4, to 8e-5 of it, for -6 <= x <= 0: least squares of relative errors
@@ -144,10 +144,10 @@ def fetch(typing_context, splats, row):  # type: ignore[no-untyped-def]
         kind = ir.FunctionType(ir.VoidType(), [pointer, INT, INT, INT])
         name = "llvm.prefetch.p0"
         read, nearest, data = INT(0), INT(3), INT(1)
-        builder.call(
-            cgutils.get_or_insert_function(builder.module, kind, name),
-            [builder.bitcast(start, pointer), read, nearest, data],
-        )
+        function = cgutils.get_or_insert_function(builder.module, kind, name)
+        for number in (0, NUMBERS - 4):  # most lie in two lines of the cache
+            place = builder.bitcast(builder.gep(start, [LONG(number)]), pointer)
+            builder.call(function, [place, read, nearest, data])
         return context.get_dummy_value()
 
     return types.void(splats, row), generate

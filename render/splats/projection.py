@@ -12,6 +12,31 @@ from render.splats import reach_kernels
 from render.splats.shine import FAST, ONE, ZERO, add_shine
 from render.types import U32, U64, Floats
 
+RUN = 512  # Gaussians that are left out together
+
+
+@njit(cache=True, nogil=True)
+def shown_slices(
+    opacities: Floats,  # [N]
+    at_once: int,  # Gaussians of a slice, at most; a multiple of RUN
+) -> list[tuple[int, int]]:
+    """First and last (left out) Gaussians of slices that hold all that can be seen.
+
+    Skin under hair is transparent, one long run after another.
+    """
+    slices = [(0, 0)]
+    for first in range(0, len(opacities), RUN):
+        last = min(first + RUN, len(opacities))
+        for opacity in opacities[first:last]:
+            if opacity >= kernels.MIN_ALPHA:
+                start, end = slices[-1]
+                if end == first and last - start <= at_once:
+                    slices[-1] = start, last
+                else:
+                    slices.append((first, last))
+                break
+    return slices
+
 
 @njit(**FAST)
 def project(
@@ -21,81 +46,44 @@ def project(
     quats: Floats,  # [N * 4]
     scales: Floats,  # [N * 3]
     opacities: Floats,  # [N]
+    stored: Floats,  # [N * 3] colours
+    mirrors: tuple[Floats, Floats, Floats, Floats, Floats, Floats],  # from weights to film, see
+    # shine.add_shine
     view: Floats,  # [12]
     lens: Floats,  # [8]
-    depths: Floats,  # -> [N]
-    faded: Floats,  # -> [N]
-    variances: Floats,  # -> [3, N]
-    ellipses: Floats,  # -> [7, N], but for log2 of the opacity and half of the height
+    viewer: Floats,  # [3]
+    size: tuple[np.float32, np.float32],  # tiles across, down
+    near_mm: np.float32,
+    colors: Floats,  # -> [N * 3] as seen from there
+    depths: Floats,  # -> [N] mm, HIDDEN or BROKEN
+    boxes: U32,  # -> [N * 2]
+    ellipses: Floats,  # -> [7, N]
 ) -> None:
+    """All in one call: threads that call one loop after another wait for each other in between."""
     count = last - first
     means, quats = means[3 * first : 3 * last], quats[4 * first : 4 * last]
-    scales, depths = scales[3 * first : 3 * last], depths[first:last]
+    scales, opacities = scales[3 * first : 3 * last], opacities[first:last]
+    colors, depths = colors[3 * first : 3 * last], depths[first:last]
+    boxes = boxes[2 * first : 2 * last]
     slope_x, slope_y = np.empty(count, np.float32), np.empty(count, np.float32)
+    var_x, var_y = np.empty(count, np.float32), np.empty(count, np.float32)
+    cov, faded = np.empty(count, np.float32), np.empty(count, np.float32)
     x, y = ellipses[0][first:last], ellipses[1][first:last]
     p, q, r = ellipses[2][first:last], ellipses[3][first:last], ellipses[4][first:last]
-    var_x, var_y, cov = (
-        variances[0][first:last],
-        variances[1][first:last],
-        variances[2][first:last],
-    )
+    log2_opacity, half_y = ellipses[5][first:last], ellipses[6][first:last]
     kernels.project_means(means, view, lens, x, y, depths, slope_x, slope_y)
-    kernels.fade(opacities[first:last], scales, lens[0], depths, faded[first:last])
+    kernels.fade(opacities, scales, lens[0], depths, faded)
+    kernels.log2_of(faded, log2_opacity)
     kernels.project_covariances(
         quats, scales, view, lens, depths, slope_x, slope_y, var_x, var_y, cov
     )
     kernels.invert(var_x, var_y, cov, p, q, r)
-
-
-@njit(**FAST)
-def shine_on(
-    first: int,
-    last: int,
-    means: Floats,  # [N * 3] see shine.add_shine, as all of these
-    quats: Floats,  # [N * 4]
-    viewer: Floats,  # [3]
-    weights: Floats,  # [M * 4]
-    roughness: Floats,  # [M]
-    soft: Floats,
-    towards: Floats,
-    lamps: Floats,
-    film: Floats,
-    colors: Floats,  # [N * 3]
-) -> None:
-    last = min(last, len(roughness))
-    if first < last:
-        means, quats = means[3 * first : 3 * last], quats[4 * first : 4 * last]
-        weights, roughness = weights[4 * first : 4 * last], roughness[first:last]
-        colors = colors[3 * first : 3 * last]
+    kernels.bound(x, y, var_x, var_y, log2_opacity, size[0], size[1], half_y, boxes)
+    colors[:] = stored[3 * first : 3 * last]
+    weights, roughness, soft, towards, lamps, film = mirrors
+    weights, roughness = weights[4 * first : 4 * last], roughness[first:last]
+    if len(roughness):
         add_shine(means, quats, viewer, weights, roughness, soft, towards, lamps, film, colors)
-
-
-@njit(**FAST)
-def bound_and_cull(
-    first: int,
-    last: int,
-    means: Floats,  # [N * 3] see projection_kernels, as all of these
-    quats: Floats,  # [N * 4]
-    scales: Floats,  # [N * 3]
-    opacities: Floats,  # [N]
-    colors: Floats,  # [N * 3]
-    faded: Floats,  # [N]
-    variances: Floats,  # [3, N]
-    across: np.float32,
-    down: np.float32,
-    near_mm: np.float32,
-    ellipses: Floats,  # [7, N] -> half of the height
-    boxes: U32,  # -> [N * 2]
-    depths: Floats,  # [N], changed in place
-) -> None:
-    x, y = ellipses[0][first:last], ellipses[1][first:last]
-    log2_opacity, half_y = ellipses[5][first:last], ellipses[6][first:last]
-    var_x, var_y = variances[0][first:last], variances[1][first:last]
-    boxes, depths, faded = boxes[2 * first : 2 * last], depths[first:last], faded[first:last]
-    means, quats = means[3 * first : 3 * last], quats[4 * first : 4 * last]
-    scales, colors = scales[3 * first : 3 * last], colors[3 * first : 3 * last]
-    kernels.bound(x, y, var_x, var_y, log2_opacity, across, down, half_y, boxes)
-    opacities = opacities[first:last]
     kernels.cull(means, quats, scales, opacities, faded, colors, boxes, near_mm, depths)
 
 
@@ -104,13 +92,16 @@ def reach(
     first: int,
     last: int,
     ellipses: Floats,  # [7, N]
+    colors: Floats,  # [N * 3]
     boxes: U32,  # [N * 2]
     across: int,  # tiles of a picture
     rows: U32,  # -> [N] work
     reaches: U64,  # -> [N] see reach_kernels
     further: U32,  # -> [N]
+    splats: Floats,  # -> [N, 9 and more] see interleave
 ) -> None:
-    """The tiles that these splats reach."""
+    """The tiles that these splats reach, and what is blended of them."""
+    interleave(ellipses, colors, first, last, splats)
     boxes, rows = boxes[2 * first : 2 * last], rows[first:last]
     reaches, further = reaches[first:last], further[first:last]
     x, y, half_y = ellipses[0][first:last], ellipses[1][first:last], ellipses[6][first:last]

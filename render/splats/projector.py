@@ -5,14 +5,14 @@ import numpy as np
 from render.lighting import FILM, TOWARDS
 from render.splats import projection, projection_kernels
 from render.splats.depth_order import DepthOrder
-from render.splats.projection_kernels import MAX_ALPHA, TILE_PX
+from render.splats.projection_kernels import BROKEN, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
 from render.splats.shine import SOFT
-from render.splats.threads import Threads
 from render.splats.tile_pairs import Reaches
-from render.types import FIELDS, U32, Camera, Floats, Gaussians
+from render.threads import Threads
+from render.types import FIELDS, U32, Camera, Floats, Gaussians, Shine
 
-TRANSPARENT = np.float32(1e-6)
+NOTHING = Shine(*(np.zeros(shape, np.float32) for shape in ((0, 4), 0, (4, 3))))
 AT_ONCE = 8192  # Gaussians; what a thread computes of them stays in its caches
 
 
@@ -21,6 +21,7 @@ class Projector:
 
     def __init__(self, threads: Threads) -> None:
         self._threads = threads
+        self._slices: list[tuple[int, int]] = []  # of the Gaussians, what may be seen of them
         self._reserve(0)
         self._order = DepthOrder()
 
@@ -58,12 +59,10 @@ class Projector:
             if part == 0:  # the longest part, which cannot be shared
                 order[0] = self._order.of(self._depths)
                 return
-            first, last = self._slice(part - 1)
-            out = self._rows, self._reaches, self._further
-            projection.reach(first, last, self._ellipses, boxes, across, *out)
-            projection.interleave(self._ellipses, colors, first, last, splats)
+            out = self._rows, self._reaches, self._further, splats
+            projection.reach(*self._slices[part - 1], self._ellipses, colors, boxes, across, *out)
 
-        self._threads.share(sort_or_reach, 1 + self._parts)
+        self._threads.share(sort_or_reach, 1 + len(self._slices))
         return order[0], Reaches(self._reaches, self._further)
 
     def _project(self, gaussians: Gaussians, camera: Camera) -> None:
@@ -74,48 +73,27 @@ class Projector:
             np.ascontiguousarray(getattr(gaussians, name), np.float32).reshape(-1)
             for name in FIELDS
         )
+        self._slices = projection.shown_slices(opacities, AT_ONCE)
+        self._depths.fill(BROKEN)
         view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
         across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
-        boxes, colors, depths = self.boxes.reshape(-1), self._colors.reshape(-1), self._depths
-        ellipses, variances, faded = self._ellipses, self._variances, self._faded
         near, viewer = np.float32(camera.near_mm), camera.position.astype(np.float32)
-        shine = gaussians.shine
+        shine = gaussians.shine or NOTHING
+        weights = np.ascontiguousarray(shine.weights).reshape(-1)
+        mirrors = weights, shine.roughness, SOFT, TOWARDS, shine.lamps, FILM
+        place = view, lens, viewer, (across, down), near
+        out = self._colors.reshape(-1), self._depths, self.boxes.reshape(-1), self._ellipses
 
         def project(part: int) -> None:
-            first, last = self._slice(part)
-            projection.project(
-                first, last, means, quats, scales, opacities, view, lens, depths, faded,
-                variances, ellipses,
-            )  # fmt: skip
-            log2_opacity = ellipses[5, first:last]
-            np.clip(faded[first:last], TRANSPARENT, MAX_ALPHA, out=log2_opacity)
-            np.log2(log2_opacity, out=log2_opacity)
-            colors[3 * first : 3 * last] = stored[3 * first : 3 * last]
-            if shine is not None:
-                weights, lamps = np.ascontiguousarray(shine.weights).reshape(-1), shine.lamps
-                projection.shine_on(
-                    first, last, means, quats, viewer, weights, shine.roughness,
-                    SOFT, TOWARDS, lamps, FILM, colors,
-                )  # fmt: skip
-            projection.bound_and_cull(
-                first, last, means, quats, scales, opacities, colors, faded,
-                variances, across, down, near, ellipses, boxes, depths,
-            )  # fmt: skip
+            first, last = self._slices[part]
+            cloud = means, quats, scales, opacities, stored, mirrors
+            projection.project(first, last, *cloud, *place, *out)
 
-        self._threads.share(project, self._parts)
-
-    def _slice(self, part: int) -> tuple[int, int]:
-        """First and last (left out) of the Gaussians of a part."""
-        return part * AT_ONCE, min((part + 1) * AT_ONCE, len(self.boxes))
-
-    @property
-    def _parts(self) -> int:
-        return -(-len(self.boxes) // AT_ONCE)
+        self._threads.share(project, len(self._slices))
 
     def _reserve(self, count: int) -> None:
         self.boxes = np.zeros((count, 2), np.uint32)  # tiles: x0 | y0 << 16, x1 | y1 << 16
         self._ellipses = np.zeros((7, count), np.float32)
-        self._variances, self._faded = np.zeros((3, count), np.float32), np.zeros(count, np.float32)
         self._colors = np.zeros((count, 3), np.float32)  # as seen from the camera
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
         self._reaches = np.zeros(count, np.uint64)

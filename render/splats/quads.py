@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from render.gl.contexts import GLContext
 from render.splats.projector import Projector
-from render.splats.threads import Threads
+from render.threads import Threads
 from render.types import Camera, Gaussians
 
 if TYPE_CHECKING:

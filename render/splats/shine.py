@@ -15,6 +15,7 @@ from render.types import Floats, Gaussians
 
 FRONT_MM = np.array([0.0, 15.0, 900.0], np.float32)  # where pictures are mostly taken from
 FAST = {"cache": True, "nogil": True, "error_model": "numpy"}
+FUSED = {**FAST, "fastmath": {"contract"}}  # a product and its sum are rounded once
 F0, SOFT = np.float32(0.028), HALF_WIDTHS * np.float32(0.5)  # as in shaders/mesh.frag.glsl
 ZERO, ONE, TWO, FOUR = np.float32(0), np.float32(1), np.float32(2), np.float32(4)
 TINY, TENTH = np.float32(1e-9), np.float32(0.1)
@@ -34,85 +35,99 @@ def colors_from(cloud: Gaussians, viewer_mm: NDArray[np.floating] = FRONT_MM) ->
     return out
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def face_viewer(
     means: Floats,  # [N * 3] mm
     quats: Floats,  # [N * 4] of the first M: z is turned to the normal
     viewer: Floats,  # [3] mm
-    nx: Floats,  # -> [M] unit normals, 0 where they face away
-    ny: Floats,
-    nz: Floats,
-    vx: Floats,  # -> [M] unit, towards the viewer
-    vy: Floats,
-    vz: Floats,
+    sides: Floats,  # -> [7, M] unit normals, 0 where they face away; unit, towards the viewer; its
+    # cosine to the normal
 ) -> None:
     px, py, pz = viewer[0], viewer[1], viewer[2]
+    nx, ny, nz, vx, vy, vz, nv = (
+        sides[0], sides[1], sides[2], sides[3], sides[4], sides[5], sides[6]
+    )  # fmt: skip
     for i in range(len(nx)):
         w, x, y, z = quats[4 * i], quats[4 * i + 1], quats[4 * i + 2], quats[4 * i + 3]
         a, b, c = TWO * (x * z + w * y), TWO * (y * z - w * x), w * w - x * x - y * y + z * z
         d, e, f = px - means[3 * i], py - means[3 * i + 1], pz - means[3 * i + 2]
         turn = ONE / np.sqrt(a * a + b * b + c * c + TINY)
-        turn = turn if a * d + b * e + c * f > ZERO else ZERO
+        towards = a * d + b * e + c * f
+        turn = turn if towards > ZERO else ZERO
         near = ONE / np.sqrt(d * d + e * e + f * f + TINY)
         nx[i], ny[i], nz[i] = a * turn, b * turn, c * turn
         vx[i], vy[i], vz[i] = d * near, e * near, f * near
+        nv[i] = towards * turn * near
 
 
-@njit(**FAST)
+@njit(**FUSED)
+def by_lamp(weights: Floats, lamps: Floats) -> None:  # [M * 4] -> [4, M]
+    first, second, third, fourth = lamps[0], lamps[1], lamps[2], lamps[3]
+    for i in range(len(first)):
+        first[i], second[i] = weights[4 * i], weights[4 * i + 1]
+        third[i], fourth[i] = weights[4 * i + 2], weights[4 * i + 3]
+
+
+@njit(**FUSED)
 def add_lobe(
-    nx: Floats,  # [M] see face_viewer
-    ny: Floats,
-    nz: Floats,
-    vx: Floats,
-    vy: Floats,
-    vz: Floats,
-    weights: Floats,  # every fourth is this lamp's
+    sides: Floats,  # [7, M] see face_viewer
+    weights: Floats,  # [M] of this lamp
     roughness: Floats,  # [M]
-    soft: Floats,  # first: what the width of the lamp adds to it
+    wide: np.float32,  # what the width of the lamp adds to it
     towards: Floats,  # [3] unit
     lamp: Floats,  # [3] linear light
-    red: Floats,  # -> [M] linear light, added to
-    green: Floats,
-    blue: Floats,
+    added: Floats,  # -> [3, M] linear light, added to
 ) -> None:
     lx, ly, lz = towards[0], towards[1], towards[2]
-    wide, lamp_red, lamp_green, lamp_blue = soft[0], lamp[0], lamp[1], lamp[2]
-    for i in range(len(nx)):
-        hx, hy, hz = lx + vx[i], ly + vy[i], lz + vz[i]
-        length = hx * hx + hy * hy + hz * hz + TINY  # 2 + 2 cos = 4 (l . h)^2
-        lh2 = length * QUARTER
+    lamp_red, lamp_green, lamp_blue = lamp[0], lamp[1], lamp[2]
+    nx, ny, nz, vx, vy, vz, nv = (
+        sides[0], sides[1], sides[2], sides[3], sides[4], sides[5], sides[6]
+    )  # fmt: skip
+    red, green, blue = added[0], added[1], added[2]
+    for i in range(len(weights)):
         nl = max(nx[i] * lx + ny[i] * ly + nz[i] * lz, ZERO)
-        nh = nx[i] * hx + ny[i] * hy + nz[i] * hz
+        nh = nl + nv[i]  # of l + v, which is the half-way vector, but longer
+        length = TWO + TWO * (lx * vx[i] + ly * vy[i] + lz * vz[i]) + TINY  # its square
+        lh2 = length * QUARTER
         rough = min(roughness[i] + wide, ONE)
         r2 = rough * rough
         a2 = r2 * r2
-        spread = nh * nh / length * (a2 - ONE) + ONE
+        spread = nh * nh * (a2 - ONE) + length
         out = ONE - np.sqrt(lh2)
-        fresnel = F0 + (ONE - F0) * (out * out * out * out * out)
-        light = weights[4 * i] * a2 * fresnel * nl
+        out2 = out * out
+        fresnel = F0 + (ONE - F0) * (out2 * out2 * out)
+        light = weights[i] * a2 * fresnel * nl * (length * length)
         light /= spread * spread * FOUR * max(lh2, TENTH) * (rough + HALF)
         red[i] += light * lamp_red
         green[i] += light * lamp_green
         blue[i] += light * lamp_blue
 
 
-@njit(**FAST)
+@njit(**FUSED)
 def add_light(
-    light: Floats,  # [M] linear, of one colour
+    added: Floats,  # [3, M] linear light
     film: Floats,  # [5]
-    colors: Floats,  # every third is this colour, stored; changed in place
+    colors: Floats,  # [N * 3] stored; changed in place
 ) -> None:
     a, b, c, d, e = film[0], film[1], film[2], film[3], film[4]
-    for i in range(len(light)):
-        stored = colors[3 * i]
-        r = stored * stored  # x (a x + b) / (x (c x + d) + e), solved for x
-        p, q = a - c * r, b - d * r
-        x = light[i] + (np.sqrt(q * q + FOUR * p * e * r) - q) / (TWO * p)
-        x = x * (a * x + b) / (x * (c * x + d) + e)
-        colors[3 * i] = np.sqrt(min(x, ONE)) if light[i] > ZERO else stored
+    red, green, blue = added[0], added[1], added[2]
+    for i in range(len(red)):
+        colors[3 * i] = _lit(colors[3 * i], red[i], a, b, c, d, e)
+        colors[3 * i + 1] = _lit(colors[3 * i + 1], green[i], a, b, c, d, e)
+        colors[3 * i + 2] = _lit(colors[3 * i + 2], blue[i], a, b, c, d, e)
 
 
-@njit(**FAST)
+@njit(**FUSED)
+def _lit(stored, light, a, b, c, d, e):  # noqa: ANN001, ANN202
+    """A stored colour with more light, of a film."""
+    r = stored * stored  # x (a x + b) / (x (c x + d) + e), solved for x
+    p, q = a - c * r, b - d * r
+    x = light + (np.sqrt(q * q + FOUR * p * e * r) - q) / (TWO * p)
+    x = x * (a * x + b) / (x * (c * x + d) + e)
+    return np.sqrt(min(x, ONE)) if light > ZERO else stored
+
+
+@njit(**FUSED)
 def add_shine(
     means: Floats,  # [N * 3] mm
     quats: Floats,  # [N * 4]
@@ -125,15 +140,11 @@ def add_shine(
     film: Floats,  # [5]
     colors: Floats,  # [N * 3] stored, changed in place
 ) -> None:
-    sides = np.empty((6, len(roughness)), np.float32)
-    nx, ny, nz, vx, vy, vz = sides[0], sides[1], sides[2], sides[3], sides[4], sides[5]
-    added = np.zeros((3, len(roughness)), np.float32)
-    red, green, blue = added[0], added[1], added[2]
-    face_viewer(means, quats, viewer, nx, ny, nz, vx, vy, vz)
+    count = len(roughness)
+    sides, added = np.empty((7, count), np.float32), np.zeros((3, count), np.float32)
+    of_lamps = np.empty((4, count), np.float32)
+    face_viewer(means, quats, viewer, sides)
+    by_lamp(weights, of_lamps)
     for k in range(len(towards)):
-        weight, wide, lamp = weights[k:], soft[k:], lamps[k]
-        add_lobe(
-            nx, ny, nz, vx, vy, vz, weight, roughness, wide, towards[k], lamp, red, green, blue
-        )  # fmt: skip
-    for k in range(3):
-        add_light(added[k], film, colors[k:])
+        add_lobe(sides, of_lamps[k], roughness, soft[k], towards[k], lamps[k], added)
+    add_light(added, film, colors)

@@ -13,6 +13,7 @@ TILE_BITS, FIRST_TILE = np.uint64(32), np.uint64((1 << 30) - 1)
 Word = int | np.unsignedinteger | np.bool_
 # Unsigned numbers need no test for Python's negative indices: a third less time.
 ZERO, ONE, TWO, THREE = np.uintp(0), np.uintp(1), np.uintp(2), np.uintp(3)
+DIGIT, LOW = 12, np.uint32((1 << 12) - 1)
 LEFT_BITS, FIFTEEN, FOUR_ROWS = np.uint64(4), np.uint64(15), np.uint64((1 << 32) - 1)
 
 
@@ -23,25 +24,39 @@ def nearest_first(
     order: NDArray[np.uint32],  # -> [N] indices, nearest first, equal ones as they come
     work: NDArray[np.uint32],  # [N]
 ) -> int:  # how many
-    """A radix sort of three times 11 bits: half the time of numpy's."""
-    counts = np.zeros((3, 2049), np.uint32)
-    total = 0
+    """A radix sort of two times 12 bits, of how far each is behind the nearest.
+
+    Depths of a head differ in no more; of other clouds, what is left out is far below a millimetre.
+    """
+    nearest, farthest = hidden, np.uint32(0)
     for i in range(len(bits)):
-        key = bits[i]
-        if key < hidden:
-            work[total] = i
-            total += 1
-            for digit in range(3):
-                counts[digit, np.uintp((key >> (11 * digit)) & 2047) + 1] += 1
-    source, target = work, order
-    for digit in range(3):
-        places = np.cumsum(counts[digit])
-        for n in range(total):
-            i = source[n]
-            place = np.uintp((bits[i] >> (11 * digit)) & 2047)
-            target[places[place]] = i
-            places[place] += 1
-        source, target = target, source
+        seen = bits[i] < hidden
+        nearest = min(nearest, bits[i])
+        farthest = max(farthest, bits[i] if seen else np.uint32(0))
+    if nearest == hidden:
+        return 0
+    shift = np.uint32(0)
+    while (farthest - nearest) >> shift >= np.uint32(1) << np.uint32(2 * DIGIT):
+        shift += np.uint32(1)
+    counts = np.zeros((2, (1 << DIGIT) + 1), np.uint32)
+    for i in range(len(bits)):
+        if bits[i] < hidden:
+            key = (bits[i] - nearest) >> shift
+            counts[0, np.uintp(key & LOW) + ONE] += 1
+            counts[1, np.uintp(key >> np.uint32(DIGIT)) + ONE] += 1
+    places = np.cumsum(counts[0]).astype(np.uint32)
+    for i in range(len(bits)):
+        if bits[i] < hidden:
+            digit = np.uintp((bits[i] - nearest) >> shift & LOW)
+            work[places[digit]] = i
+            places[digit] += np.uint32(1)
+    total = int(places[(1 << DIGIT) - 1])
+    places = np.cumsum(counts[1]).astype(np.uint32)
+    for n in range(total):
+        i = work[n]
+        digit = np.uintp((bits[np.uintp(i)] - nearest) >> shift >> np.uint32(DIGIT))
+        order[places[digit]] = i
+        places[digit] += np.uint32(1)
     return total
 
 
@@ -53,9 +68,10 @@ def count_tiles(
     order: U32,  # [M] of the splats that are dealt
     across: int,
     seen: U64,  # -> [M] reaches in this order: `fill_tiles` must not wait for them
-    counts: NDArray[np.int32],  # -> [tiles + BELOW rows + 1] splats of each tile, then zeros
-) -> None:
-    counts[:] = 0  # first the change from each tile to the next
+    starts: U32,  # -> [tiles + 2] see tile_pairs.Pairs
+) -> int:  # how many splats all tiles have
+    counts = np.zeros(len(starts) - 1 + BELOW * across, np.int32)
+    # first the change from each tile to the next
     for m in range(len(order)):
         i = np.uintp(order[m])
         reach = seen[m] = reaches[i]
@@ -69,8 +85,12 @@ def count_tiles(
             for y in range(y0, y1):
                 counts[y * np.uintp(across) + x0] += 1
                 counts[y * np.uintp(across) + x1] -= 1
-    for tile in range(1, len(counts)):
-        counts[tile] += counts[tile - 1]
+    total, count, starts[0] = 0, 0, 0
+    for tile in range(len(starts) - 1):
+        count += counts[tile]
+        total += count
+        starts[tile + 1] = total + tile + 1
+    return total
 
 
 @njit(cache=True, nogil=True)
@@ -90,9 +110,10 @@ def fill_tiles(
     boxes: U32,
     order: U32,  # [M] of the splats, nearest first
     across: int,
-    places: U32,  # [tiles + 2] first place of each tile; moved to its end
+    starts: U32,  # [tiles + 2] first place of each tile
     splats: U32,  # -> [P + tiles + 2] tile after tile, one place apart
 ) -> None:
+    places = starts.copy()
     for m in range(len(order)):
         splat, reach = order[m], seen[m]
         tile = np.uintp(reach >> TILE_BITS & FIRST_TILE)

@@ -46,20 +46,16 @@ def bin_splats(
 
     Splats are dealt to their tiles in the order of depth, so nothing has to be sorted.
     """
-    (across, down), tiles = size, size[0] * size[1]
+    across, tiles = size[0], size[0] * size[1]
     if reaches is None:
         reaches = Reaches(np.full(len(boxes), WHOLE), np.empty(0, np.uint32))
-    counts = np.empty(across * (down + tile_kernels.BELOW) + 1, np.int32)
-    seen = np.empty(len(order), np.uint64)
-    tile_kernels.count_tiles(*reaches, boxes, order, across, seen, counts)
-    total = int(counts.sum(dtype=np.int64))
+    starts, seen = np.empty(tiles + 2, np.uint32), np.empty(len(order), np.uint64)
+    total = tile_kernels.count_tiles(*reaches, boxes, order, across, seen, starts)
     if total > most:
         raise InputError(
             f"splats: expected at most {most} (splat, tile) pairs, got {total}; "
             "draw fewer or smaller Gaussians, or move the camera away"
         )
-    starts = np.zeros(tiles + 2, np.uint32)
-    np.cumsum(counts[: tiles + 1] + 1, out=starts[1:])
     splats = np.empty(starts[-1] + 1, np.uint32)
-    tile_kernels.fill_tiles(seen, reaches.further, boxes, order, across, starts.copy(), splats)
+    tile_kernels.fill_tiles(seen, reaches.further, boxes, order, across, starts, splats)
     return Pairs(starts, splats)

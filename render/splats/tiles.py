@@ -12,8 +12,8 @@ from render.gl.contexts import GLContext
 from render.splats.blend_kernels import NUMBERS, blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
-from render.splats.threads import Threads
 from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
+from render.threads import Threads
 from render.types import U32, Camera, Gaussians
 
 PARTS = 8  # of a picture's tiles, a thread
@@ -69,7 +69,8 @@ class TileRenderer:
         size = -(-camera.width // TILE_PX), -(-camera.height // TILE_PX)
         portions = [Pairs(order, order)] * PORTIONS
 
-        def deal(k: int) -> None:
+        def deal(part: int) -> None:
+            k = PORTIONS - 1 - part  # the farthest has the most pairs: it must not be the last
             portion = order[len(order) * k // PORTIONS : len(order) * (k + 1) // PORTIONS]
             portions[k] = bin_splats(
                 self._projector.boxes, portion, size, reaches, MAX_PAIRS // PORTIONS

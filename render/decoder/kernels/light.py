@@ -35,6 +35,8 @@ def facing(axes: Floats, towards: Floats, cosine: Floats) -> None:  # [3, n], [3
 
 @loop
 def vertex_attributes(
+    first: int,  # used vertex, a multiple of BLOCK
+    last: int,  # left out
     vertices: Floats,  # [V, 3] mm
     used: Ints,  # [U] vertices
     normals: Floats,  # [U, 3] unit
@@ -54,8 +56,8 @@ def vertex_attributes(
     h, j, o, front = move[2, 0], move[2, 1], move[2, 2], move[2, 3]
     axes, cosine = np.zeros((3, BLOCK), np.float32), np.empty(BLOCK, np.float32)
     shares, light = np.zeros((4, BLOCK), np.float32), np.empty((3, BLOCK), np.float32)
-    for start in range(0, len(used), BLOCK):
-        count = min(BLOCK, len(used) - start)
+    for start in range(first, last, BLOCK):
+        count = min(BLOCK, last - start)
         for i in range(count):
             n = np.uintp(start + i)
             axes[0, i], axes[1, i], axes[2, i] = normals[n, 0], normals[n, 1], normals[n, 2]

@@ -1,7 +1,8 @@
 """Loops of the decoder: one pass over memory where numpy takes many.
 
 numba compiles them on first use (seconds, once a machine) and keeps the result beside this file.
-All run on one thread and add in a fixed order: the same input gives the same bits.
+All add in a fixed order, and those that threads share make each Gaussian alone: the same input
+gives the same bits.
 Cross products and rotations are written out in each loop, as plain scalars of one pass.
 """
 
@@ -59,20 +60,30 @@ def normalise(
 
 
 @loop
+def stretches(
+    areas: Floats,  # [F + 1] mm^2 -> factors of widths, in place
+    rest_areas: Floats,  # [F + 1] mm^2, of the mean face
+    low: np.float32,
+    high: np.float32,
+) -> None:
+    for f in range(len(areas)):
+        areas[f] = min(max(np.sqrt(areas[f] / rest_areas[f]), low), high)
+
+
+@loop
 def skin_gaussians(
+    first: int,  # Gaussian, a multiple of BLOCK: the same Gaussians are the same to the bit
+    last: int,  # left out
     attributes: Floats,  # [U, CARRIED]
     rows: Shorts,  # [N, 3] vertices of the anchors' triangles
     weights: Floats,  # [N, 3] barycentric coordinates
-    areas: Floats,  # [F + 1] mm^2
-    rest_areas: Floats,  # [F + 1] mm^2, of the mean face
-    triangles: Shorts,  # [N] whose area an anchor's width follows
-    widths: Floats,  # [N] mm at `rest_areas`
+    stretches: Floats,  # [F + 1] of the triangles
+    triangles: Shorts,  # [N] which of them an anchor's width follows
+    widths: Floats,  # [N] mm, not stretched
     reflected: Floats,  # [N, 3] linear albedo
     gloss: Floats,  # [N] weight of mirrored light
     depths: Floats,  # [N] mm under the skin
     film: Floats,  # [5] see lighting.FILM, with the exposure
-    low: np.float32,
-    high: np.float32,
     flatness: np.float32,
     behind: np.float32,  # see surface.normals_of
     means: Floats,  # -> [N, 3] mm
@@ -81,11 +92,9 @@ def skin_gaussians(
     colors: Floats,  # -> [N, 3] stored, 0..1, without mirrored light
     shine: Floats,  # -> [N, 2] of 4: weight of the mirrored light of the key light and the fill
 ) -> None:
-    for f in range(len(areas)):
-        areas[f] = min(max(np.sqrt(areas[f] / rest_areas[f]), low), high)
     stored = colors.reshape(-1)
-    for start in range(0, len(rows), BLOCK):
-        count = min(BLOCK, len(rows) - start)
+    for start in range(first, last, BLOCK):
+        count = min(BLOCK, last - start)
         for i in range(count):
             n = np.uintp(start + i)
             a, b, c = np.uintp(rows[n, 0]), np.uintp(rows[n, 1]), np.uintp(rows[n, 2])
@@ -97,7 +106,7 @@ def skin_gaussians(
         develop(stored[3 * start : 3 * (start + count)], film)
         for i in range(count):
             n = np.uintp(start + i)
-            width = widths[n] * areas[np.uintp(triangles[n])]
+            width = widths[n] * stretches[np.uintp(triangles[n])]
             scales[n, 0], scales[n, 1], scales[n, 2] = width, width, width * flatness
 
 

@@ -7,11 +7,13 @@ import pytest
 from scenes import head_scene, join, single, take
 
 from render.cameras import portrait
-from render.splats import reference
+from render.splats import projection, reference
+from render.splats.depth_order import DepthOrder
+from render.splats.projection_kernels import BROKEN, HIDDEN
 from render.splats.projector import Projector
 from render.splats.reach_kernels import FURTHER, WHOLE
-from render.splats.threads import Threads
 from render.splats.tile_pairs import bin_splats
+from render.threads import Threads
 
 CAMERA = portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)
 
@@ -30,6 +32,37 @@ def test_the_order_is_that_of_depth():
     assert projector.dropped == 1 and 1000 < len(order) < len(scene) - 2
     depths = scene.means[order] @ CAMERA.viewmat[2, :3]
     assert (np.diff(depths) >= -1e-3).all()
+
+
+def test_runs_that_nobody_sees_are_left_out_and_counted():
+    """As skin under hair; what is seen beside them is where and as it was."""
+    scene, clear = head_scene(9000), np.zeros(9000, np.float32)
+    shown = np.r_[slice(700, 1900), slice(4000, 8900)]
+    clear[shown] = scene.opacities[shown]
+    clear[4100], clear[3] = 0, np.nan
+    slices = projection.shown_slices(clear, 2048)
+    inside = np.concatenate([np.arange(*one) for one in slices])
+    assert len(np.unique(inside)) == len(inside) < 7200 and np.isin(shown, inside).all()
+    assert all(last - first <= 2048 for first, last in slices)
+    veiled, projector = replace(scene, opacities=clear), Projector(Threads())
+    order = projector.run(veiled, CAMERA)
+    assert projector.dropped == np.count_nonzero(~reference.sound(veiled))
+    alone = take(scene, kept := np.setdiff1d(shown, [4100]))
+    np.testing.assert_array_equal(order, kept[Projector(Threads()).run(alone, CAMERA)])
+    assert projector.run(scene, CAMERA).size > order.size and projector.dropped == 0
+
+
+def test_equal_depths_keep_their_order_and_close_ones_are_told_apart():
+    rng = np.random.default_rng(0)
+    depths = rng.choice(rng.uniform(700, 1100, 300).astype(np.float32), 5000)
+    depths[::7], depths[5] = HIDDEN, BROKEN
+    order = DepthOrder()
+    expected = np.argsort(depths, kind="stable")[: np.count_nonzero(depths < HIDDEN)]
+    np.testing.assert_array_equal(order.of(depths), expected)
+    assert order.dropped == 1
+    far = np.append(depths, np.float32(1e7))  # a wide cloud: steps of far below a millimetre
+    assert (np.diff(far[order.of(far)]) > -0.05).all()
+    assert len(order.of(np.full(3, HIDDEN))) == 0
 
 
 @pytest.mark.slow

@@ -7,7 +7,7 @@ import pytest
 from scenes import head_scene
 
 from render.cameras import portrait
-from render.splats.threads import Threads
+from render.threads import Threads
 
 
 def test_every_part_is_done_once_whoever_does_it():

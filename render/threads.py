@@ -1,4 +1,4 @@
-"""Threads that share the work of a picture: one a CPU, kept from picture to picture."""
+"""Threads that share the work of a picture, decoded and drawn: one a CPU, kept for the next."""
 
 import ctypes
 import os
@@ -6,8 +6,13 @@ import sys
 import threading
 from collections.abc import Callable
 from queue import SimpleQueue
+from typing import Any, TypeVar
 
 MOST = 8
+A = TypeVar("A")
+B = TypeVar("B")
+Work = Callable[[int], None]
+Share = Callable[[Work, int], None]  # does work(0) .. work(parts - 1)
 _LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
@@ -19,7 +24,7 @@ class Threads:
         self._helpers: list[tuple[threading.Thread, SimpleQueue[Callable[[], None] | None]]] = []
         self._here = -1  # CPU of the caller when the helpers were last told
 
-    def share(self, work: Callable[[int], None], parts: int) -> None:
+    def share(self, work: Work, parts: int) -> None:
         """Do work(0) .. work(parts - 1): whoever is free takes the next one.
 
         Nobody waits for a helper that is late, because its CPU is busy: the others do its parts.
@@ -49,6 +54,13 @@ class Threads:
             if failure:
                 raise failure
 
+    def both(self, first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
+        """What two calls return that know nothing of each other."""
+        done: dict[int, Any] = {}
+        jobs = first, second
+        self.share(lambda k: done.update({k: jobs[k]()}), 2)
+        return done[0], done[1]
+
     def close(self) -> None:
         """End the helpers; may be called twice."""
         for _, calls in self._helpers:
@@ -58,7 +70,7 @@ class Threads:
     def _call(self, work: Callable[[], None]) -> None:
         while len(self._helpers) < self.count - 1:
             calls = SimpleQueue[Callable[[], None] | None]()
-            thread = threading.Thread(target=_help, args=(calls,), name="splats", daemon=True)
+            thread = threading.Thread(target=_help, args=(calls,), name="picture", daemon=True)
             thread.start()
             self._helpers.append((thread, calls))
             self._here = -1
@@ -84,6 +96,12 @@ class Threads:
 
     def __del__(self) -> None:
         self.close()
+
+
+def in_turn(work: Work, parts: int) -> None:
+    """The caller does all."""
+    for part in range(parts):
+        work(part)
 
 
 def _help(calls: "SimpleQueue[Callable[[], None] | None]") -> None:
