@@ -17,13 +17,13 @@ import numpy as np
 
 from encoder.alive.alive import Alive, AliveState
 from encoder.alive.face import evened
-from encoder.beside import Beside
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
 from encoder.eyes.gaze_walk import GazeWalk, WalkState
 from encoder.eyes.tracker import EyeState, EyeTracker, eyes_in
 from encoder.nn import philox
 from encoder.types import DrivenFrame, DriverState, Floats, Mood
+from sensors.threads import Threads
 from sensors.types import InputError, SensorFrame
 
 if TYPE_CHECKING:
@@ -68,7 +68,7 @@ class Driver:
         self.mean, self.std = mean, std
         self.graph = graph or GazeGraph.load()
         self.emotions, self.calibration, self.alive = emotions, calibration, alive
-        self._beside = Beside()
+        self._threads = Threads()
 
     def init_state(self, seed: int) -> DriverState:
         walk = GazeWalk(self.graph, seed)
@@ -92,7 +92,7 @@ class Driver:
         listen = partial(self._listen, frame, state, timer)
         look = partial(self._look, frame, state, timer)
         if isinstance(state.gaze, EyeState):
-            heard, looked = self._beside.both(listen, look)
+            heard, looked = self._threads.both(listen, look)
         else:
             heard, looked = listen(), look()
         (features, backend_state), (condition, gaze, gaze_state, eye_frames) = heard, looked
@@ -117,7 +117,7 @@ class Driver:
 
     def close(self) -> None:
         """End the thread that looks while the driver listens; it may be stepped again."""
-        self._beside.close()
+        self._threads.close()
 
     def check_emotion(self, words: str) -> None:
         """Raise InputError where `words` cannot be shown."""

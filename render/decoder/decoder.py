@@ -27,11 +27,11 @@ from render.decoder.posing import Posing
 from render.decoder.surface import AT_REST, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, SHEEN, Lighting
 from render.teeth_light import TeethLight
-from render.threads import Threads
 from render.tongue_light import TongueLight
 from render.types import FIELDS, Density, Floats, Gaussians, Ints, Mesh
 from render.wrinkles import Wrinkles
 from sensors.rotation import REST
+from sensors.threads import Threads
 from sensors.types import HeadPose, InputError
 
 __all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]

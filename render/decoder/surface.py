@@ -21,8 +21,8 @@ from render.decoder.lines import AT_REST
 from render.decoder.mesh_parts import Triangles
 from render.decoder.neck import RestSurface, TurnedHead
 from render.lighting import STUDIO, Lighting
-from render.threads import Share, in_turn
 from render.types import Floats, Ints, Shorts
+from sensors.threads import Share, in_turn
 
 SKIN, EYE, WET, DRY = range(4)  # kinds of vertices
 FLATNESS = np.float32(0.2)  # thickness of a Gaussian, as a share of its width

@@ -9,8 +9,8 @@ from render.splats.projection_kernels import BROKEN, TILE_PX
 from render.splats.reference import FRUSTUM_MARGIN
 from render.splats.shine import SOFT
 from render.splats.tile_pairs import Reaches
-from render.threads import Threads
 from render.types import FIELDS, U32, Camera, Floats, Gaussians, Shine
+from sensors.threads import Threads
 
 NOTHING = Shine(*(np.zeros(shape, np.float32) for shape in ((0, 4), 0, (4, 3))))
 AT_ONCE = 8192  # Gaussians; what a thread computes of them stays in its caches

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from render.gl.contexts import GLContext
 from render.splats.projector import Projector
-from render.threads import Threads
 from render.types import Camera, Gaussians
+from sensors.threads import Threads
 
 if TYPE_CHECKING:
     import moderngl

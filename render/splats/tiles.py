@@ -13,8 +13,8 @@ from render.splats.blend_kernels import NUMBERS, blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
 from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
-from render.threads import Threads
 from render.types import U32, Camera, Gaussians
+from sensors.threads import Threads
 
 PARTS = 8  # of a picture's tiles, a thread
 PORTIONS = 4  # of a picture's splats; as many with one thread as with eight, to the bit the same

@@ -13,7 +13,7 @@ from render.splats.projection_kernels import BROKEN, HIDDEN
 from render.splats.projector import Projector
 from render.splats.reach_kernels import FURTHER, WHOLE
 from render.splats.tile_pairs import bin_splats
-from render.threads import Threads
+from sensors.threads import Threads
 
 CAMERA = portrait(203, 131, yaw_deg=35.0, pitch_deg=-10.0)
 
@@ -109,3 +109,12 @@ def test_a_lobe_shines_where_the_lamp_mirrors():
     np.testing.assert_allclose(behind, 0.3)
     np.testing.assert_allclose(ahead[1], 0.3)  # only the first has a lobe
     np.testing.assert_array_equal(cloud.colors, 0.3 * ones)
+
+
+def test_one_thread_draws_what_all_draw(tiles, monkeypatch):
+    scene, camera = head_scene(2000), portrait(203, 131, yaw_deg=20.0)
+    tiles.draw(scene, camera)
+    picture = tiles.read_rgba().copy()
+    monkeypatch.setattr(tiles._threads, "count", 1)
+    tiles.draw(scene, camera)
+    assert (tiles.read_rgba() == picture).all()

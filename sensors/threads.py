@@ -1,10 +1,11 @@
-"""Threads that share the work of a picture, decoded and drawn: one a CPU, kept for the next."""
+"""Threads that share the work of a tick, the encoder's and the picture's: one a CPU, kept."""
 
 import ctypes
 import os
 import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
@@ -54,12 +55,29 @@ class Threads:
             if failure:
                 raise failure
 
-    def both(self, first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
-        """What two calls return that know nothing of each other."""
-        done: dict[int, Any] = {}
-        jobs = first, second
-        self.share(lambda k: done.update({k: jobs[k]()}), 2)
-        return done[0], done[1]
+    def both(self, here: Callable[[], A], there: Callable[[], B]) -> tuple[A, B]:
+        """What two calls return that know nothing of each other: the first of the caller, the
+        second of a helper; of the caller, too, where the helper's CPU is busy.
+        """
+        left = iter((there,))  # whoever takes it does it
+        others = SimpleQueue[tuple[Any, Exception | None]]()
+
+        def help_out() -> None:
+            for work in left:
+                try:
+                    others.put((work(), None))
+                except Exception as error:
+                    others.put((None, error))
+
+        self._call(help_out, most=1)
+        with self._staying():
+            own = here()
+            for work in left:
+                return own, work()
+            other, error = others.get()
+        if error:
+            raise error
+        return own, other
 
     def close(self) -> None:
         """End the helpers; may be called twice."""
@@ -67,21 +85,21 @@ class Threads:
             calls.put(None)
         self._helpers = []
 
-    def _call(self, work: Callable[[], None]) -> None:
+    def _call(self, work: Callable[[], None], most: int = MOST) -> None:
         while len(self._helpers) < self.count - 1:
             calls = SimpleQueue[Callable[[], None] | None]()
-            thread = threading.Thread(target=_help, args=(calls,), name="picture", daemon=True)
+            thread = threading.Thread(target=_help, args=(calls,), name="helper", daemon=True)
             thread.start()
             self._helpers.append((thread, calls))
             self._here = -1
         self._step_aside()
-        for _, calls in self._helpers[: self.count - 1]:
+        for _, calls in self._helpers[: min(self.count - 1, most)]:
             calls.put(work)
 
     def _step_aside(self) -> None:
         """Keep the helpers off the CPU of the caller: Linux likes to wake them there, picture
         after picture, and leaves the other CPUs idle."""
-        if sys.platform != "linux" or _LIBC is None:
+        if sys.platform != "linux":
             return
         here = _LIBC.sched_getcpu()
         if here == self._here:
@@ -89,10 +107,24 @@ class Threads:
         self._here = here
         others = os.sched_getaffinity(0) - {here}
         for thread, _ in self._helpers if others else ():
-            try:
+            with suppress(OSError):  # we may not: pictures take longer
                 os.sched_setaffinity(thread.native_id or 0, others)
-            except OSError:  # we may not: pictures take longer
-                continue
+
+    @contextmanager
+    def _staying(self) -> Generator[None]:
+        """The caller stays on its CPU: Linux likes to move it to the helper's, whenever it has
+        waited for the interpreter, and leaves the other idle."""
+        if sys.platform != "linux" or self._here < 0:
+            yield
+            return
+        allowed = os.sched_getaffinity(0)
+        with suppress(OSError):  # we may not: it takes longer
+            os.sched_setaffinity(0, {self._here})
+        try:
+            yield
+        finally:
+            with suppress(OSError):
+                os.sched_setaffinity(0, allowed)
 
     def __del__(self) -> None:
         self.close()
