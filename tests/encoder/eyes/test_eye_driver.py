@@ -12,7 +12,6 @@ import pytest
 import torch
 from eye_material import drawn_eye, encoder, graph, net
 
-from encoder import beside
 from encoder.backends import BackendName
 from encoder.denoiser.config import PRESETS as DENOISERS
 from encoder.denoiser.model import Denoiser
@@ -132,15 +131,15 @@ def test_looking_while_listening_changes_nothing(
     d, eyes, valid, found = driver(backend), pictures(30), np.ones((30, 2), bool), []
     valid[8:12, 0], valid[15:24] = False, False
     for cpus in (1, 2):
-        monkeypatch.setattr(beside, "cpus", lambda cpus=cpus: cpus)
+        monkeypatch.setattr(d._threads, "count", cpus)
         found.append(drive(d, eyes, valid)[:2])
     d.close()
     assert np.array_equal(found[0][0], found[1][0]) and np.array_equal(found[0][1], found[1][1])
 
 
 def test_an_error_of_the_eyes_ends_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(beside, "cpus", lambda: 2)
     d = driver()
+    monkeypatch.setattr(d._threads, "count", 2)
     monkeypatch.setattr(d.eyes, "step", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         drive(d, pictures(1), np.ones((1, 2), bool))
