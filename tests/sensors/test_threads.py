@@ -3,7 +3,6 @@
 import os
 import sys
 import threading
-import time
 
 import numpy as np
 import pytest
@@ -111,17 +110,13 @@ def test_both_are_done_here_where_the_helper_is_busy_or_there_is_none() -> None:
 
 
 def test_helpers_end_with_their_owner() -> None:
-    def running() -> int:
-        return sum(thread.name == "helper" for thread in threading.enumerate())
-
-    before, threads = running(), helped()
+    threads = helped()
     threads.both(int, int)
-    assert running() == before + 1
+    helper = threads._helpers[0][0]
+    assert helper.is_alive()
     del threads  # never closed
-    deadline = time.monotonic() + 10
-    while running() > before and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert running() == before
+    helper.join(10)
+    assert not helper.is_alive()
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nobody is moved")
