@@ -13,7 +13,7 @@ from encoder.types import Condition
 # The contact head (contact.py): lip gaps at which its response may change slope, and
 # the largest change of the gap that it makes.
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
-REACH_MM = 3.0
+REACH_MM = 6.0
 HEAD = "contact."  # prefix of its tensors' names
 # The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.
 MOUTH = 29

@@ -12,7 +12,7 @@ from torch.nn import functional
 from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX, TEETH_TOUCHING, VOWELS
 from encoder.training.geometry import NEAR_FRAMES
 
-SHUT_MM, OPEN_MM = 0.4, 1.6  # what becomes of the lips in p, b, m, and in open vowels
+SHUT_MM, OPEN_MM = 0.2, 1.6  # what becomes of the lips in p, b, m, and in open vowels
 TUCKED, LOOSE = 0.42, 0.08  # how far the lower lip rolls in f and v, and may beyond the truth
 
 

@@ -46,8 +46,8 @@ class ListenConfig:
     # .25 .784 .664 | .057, .1 .783 .668 | .048, 0 .778 .665 | .044; the more, the nearer to
     # rule-made motion and to talkers whom the blocks know
     share: float = 0.1
-    gain: float = 1.38  # of both: a mean of predictions moves less than people do
-    width_gain: float = 1.35  # of how wide the lips are, on top
+    gain: float = 1.25  # of both: a mean of predictions moves less than people do
+    width_gain: float = 1.15  # of how wide the lips are, on top
     hidden: int = 256
     contact: int = 32
     # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
@@ -74,7 +74,7 @@ class ListenConfig:
     loose_weight: float = 400.0  # of a lower lip that is not on the teeth for f and v
     tucked_weight: float = 100.0  # of one that is, elsewhere
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
-    idle_weight: float = 4.0  # of what it moves elsewhere
+    idle_weight: float = 8.0  # of what it moves elsewhere
 
 
 preset = Presets(

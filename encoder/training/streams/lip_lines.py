@@ -1,8 +1,9 @@
 """How far the lips are apart and how wide they are, as straight lines of the phones heard.
 
 Beside the network of the direct path, which learns most from the one talker of many clips. A line
-over few principal components learns alike from all: each talker of few clips counts as much as
-another. The two err differently; between them, lips of talkers never seen are followed better.
+over few principal components learns alike from all: each talker counts as much as another, those of
+few clips, those of many and made speech. The two err differently; between them, lips of talkers
+never seen are followed better.
 """
 
 from dataclasses import dataclass
@@ -14,9 +15,11 @@ from torch import Tensor
 from encoder.denoiser.config import MOUTH
 from encoder.denoiser.direct import Direct
 from encoder.training.streams.pieces import SpokenPieces
+from encoder.training.streams.spoken import REST, SpokenFrames
 
 COMPONENTS = (90, 20)  # of the opening, of the width, whose labels say less
 RIDGE = 3e-3  # of the components' mean variance
+MOST = 2000  # frames of a voice that has no plain clips
 
 
 @dataclass(frozen=True)
@@ -35,10 +38,11 @@ class LipLines:
         without: tuple[str, ...],
         shares: tuple[float, float],
     ) -> "LipLines":
-        """Fitted to the plain clips of `pieces`; without any, the lines have no share."""
+        """Fitted to the plain clips of `pieces` and some frames of each other voice; without plain
+        clips the lines have no share."""
         frames, mouth = pieces.frames, pieces.mouth
-        rows = frames.plain & ~np.isin(frames.voice, without)
-        there = torch.tensor(shares)[:, None] * float(rows.any())
+        rows = fitted(frames, without)
+        there = torch.tensor(shares)[:, None] * float(len(rows) > 0)
         ways = there * mouth.ways(torch.from_numpy(pieces.truth))
         heard = torch.from_numpy(frames.heard[rows].astype(np.float32))
         seen = (torch.cat([heard, heard.sigmoid()], -1) - scale[0]) / scale[1]
@@ -58,6 +62,19 @@ class LipLines:
             layer.bias.copy_(self.kept.T @ layer.bias)
         direct.straight.weight.add_((self.weight @ self.ways).T)
         direct.straight.bias.add_(self.offset @ self.ways)
+
+
+def fitted(frames: SpokenFrames, without: tuple[str, ...]) -> np.ndarray:
+    """Rows of the frames that lines are fitted to."""
+    plain = np.flatnonzero(frames.plain & ~np.isin(frames.voice, without))
+    if not len(plain):
+        return plain
+    rows = [plain]
+    known = (*np.unique(frames.voice[frames.plain]), REST, *without)
+    for voice in np.setdiff1d(frames.voice, known):
+        others = np.flatnonzero(frames.voice == voice)
+        rows.append(others[:: max(len(others) // MOST, 1)])
+    return np.concatenate(rows)
 
 
 def fit_lines(seen: Tensor, spans: Tensor, talkers: np.ndarray) -> tuple[Tensor, Tensor]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.eval.speech.leave_out import babble, telephone
+from app.eval.speech.leave_out import averaged, babble, telephone
 
 
 def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
@@ -15,6 +15,13 @@ def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
         assert abs(20 * np.log10(sound.std() / noise.std()) - 10) < 0.1
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.9
     np.testing.assert_array_equal(babble(others, 3)(sound) - sound, first)
+
+
+def test_figures_are_averaged_over_draws() -> None:
+    assert averaged([{"r": 0.5, "shift_ms": -5.0}, {"r": 1.0, "shift_ms": 15.0}]) == {
+        "r": 0.75,
+        "shift_ms": 5.0,
+    }
 
 
 def test_a_telephone_passes_1_khz_and_stops_5() -> None:

@@ -23,7 +23,7 @@ from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import chain, listen
 from encoder.training.streams.augment import distort
-from encoder.training.streams.lip_lines import LipLines
+from encoder.training.streams.lip_lines import MOST, LipLines, fitted
 from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
 from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
 from sensors.types import InputError
@@ -197,6 +197,14 @@ def test_lip_lines_know_nobody_who_is_left_out() -> None:
     assert not torch.allclose(line().weight, before.weight, rtol=0.1)
     frames.plain[:] = False
     np.testing.assert_allclose(line().ways, 0)  # nobody is left: the network alone
+
+
+def test_lip_lines_hear_every_voice_and_no_noise() -> None:
+    frames = spoken({"anna": 60, "ben": 60, "carl": 5000, RULES: 30, REST: 40})
+    frames.plain[frames.voice != "anna"] = False  # the others have clips, none of them plain
+    rows = fitted(frames, ("ben",))
+    assert {str(v) for v in frames.voice[rows]} == {"anna", "carl", RULES}
+    assert MOST <= (frames.voice[rows] == "carl").sum() < 1.5 * MOST
 
 
 @torch.no_grad()
