@@ -71,7 +71,8 @@ def make(
     if recipe.beard:
         own = np.random.default_rng((recipe.seed, 1))
         standing.append(beard.grow(assembly, maker, vertices, recipe.beard, recipe.tint, own))
-        albedo = bearded(assembly, maker, vertices, albedo, standing[-1], recipe.tint)
+        dyed = bearded(assembly, maker, vertices, albedo, standing[-1], recipe.tint)
+        albedo += np.float32(recipe.beard.roots) * (dyed - albedo)
     who = replace(who, albedo=albedo, beard=joined(standing))
     if worn is None:
         who = shaved(assembly, maker, who, recipe)

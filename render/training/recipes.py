@@ -85,7 +85,7 @@ RECIPES = {
     "joao": Recipe(108, 0.65, -1.3,
                     ("middleage_darkskinned_male", "young_lightskinned_male2", 0.45),
                    "brown", BUZZ, BLACK, SAND, Skin(0.5, 0.0, 0.2, melanin=0.5, age=0.3), FULL, 1.0,
-                    (0.97, 0.97, 1.01), stubble=0.6,
+                    (0.97, 0.97, 1.01), 0.35, BeardStyle(4600, 1.9, 1.0, 0.45, 0.3, 1),
                    hairs=16_000, whites=(0.88, 0.82, 0.75), wide=0.4),
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.35,

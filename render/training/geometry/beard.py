@@ -22,7 +22,6 @@ from render.types import Floats
 Tint = tuple[float, float, float]
 # Of stored red, green and blue, what roots under a shaven skin take away; how even their shade is.
 SHADOW, EVEN = np.array([0.38, 0.41, 0.36], np.float32), 0.6
-SEGMENTS = 2  # Gaussians along a strand
 UPRIGHT = 0.55  # how much of its first segment a strand stands off the skin; halved in each next
 RADII_MM = (0.22, 0.13)  # of the pieces of a strand: a few hairs
 SPREAD = 0.3  # how much strands differ in length and brightness
@@ -42,6 +41,9 @@ class BeardStyle:
     count: int
     length_mm: float
     cheeks: float = 1.0  # 0: moustache and chin alone
+    thickness: float = 1.0  # of its strands
+    roots: float = 1.0  # how far they colour the skin
+    segments: int = 2  # Gaussians along a strand: 1 or 2
 
 
 def area(assembly: Assembly, used: NDArray[np.int32], cheeks: float = 1.0) -> Floats:  # [U] 0..1
@@ -111,14 +113,15 @@ def grow(
     bright = np.clip(1 + SPREAD * rng.standard_normal((style.count, 1)), 0.6, 1.5)
     places = (roots.astype(np.float32), np.ascontiguousarray(normal, np.float32))
     seen = maker.occlusion(vertices, normal, points=places, offset_mm=2.0)
-    lines, upright, step = [roots], UPRIGHT, (length / SEGMENTS)[:, None]
-    for _ in range(SEGMENTS):
+    lines, upright, step = [roots], UPRIGHT, (length / style.segments)[:, None]
+    for _ in range(style.segments):
         along = upright * normal + (1 - upright) * down
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         lines.append(lines[-1] + step * along)
         upright *= 0.5
-    widths = np.tile(np.array(RADII_MM, np.float32), (style.count, 1))
-    opacities = np.repeat(np.clip(0.3 + 0.45 * full, 0, 0.75)[:, None], SEGMENTS, 1)
+    radii = np.array(RADII_MM[: style.segments], np.float32)
+    widths = np.tile(style.thickness * radii, (style.count, 1))
+    opacities = np.repeat(np.clip(0.3 + 0.45 * full, 0, 0.75)[:, None], style.segments, 1)
     color = np.clip((np.array(tint) * bright) ** 2, 0, 1).astype(np.float32)
     points = np.stack(lines, 1).astype(np.float32)
     return beards.attached(points, widths, corners, vertices, opacities, color, seen)

@@ -222,7 +222,7 @@ def test_no_gum_comes_through_a_smiling_lip(decoder, name):
     assert (upper[:, 2] - before)[apart.max(1) < 2].max() < 0.7  # at the edge of the lip
 
 
-@pytest.mark.parametrize("name", ["hugo", "kofi"])
+@pytest.mark.parametrize("name", ["hugo", "joao", "kofi"])
 def test_no_beard_grows_behind_the_lips(decoder, name):
     who = identity.load(name)
     rig = rig_of(decoder, mouthFunnel=1.0, jawOpen=0.3)
