@@ -52,6 +52,8 @@ class ListenConfig:
     contact: int = 32
     # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
     lines: tuple[float, float] = (0.5, 0.75)
+    # slope and offset that the log-odds of a voice get after training: in doubt lips rest
+    gate: tuple[float, float] = (2.0, -1.5)
     drop: float = 0.4  # dropout: share of hidden units left out in a step
     drop_heard: float = 0.2
     steps: int = 600
@@ -173,8 +175,8 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     )
     finish(listener, config)
     names = (
-        "share", "lines", "gain", "width_gain", "balance", "rules", "rest", "versions", "noises",
-        "steps",
+        "share", "lines", "gain", "width_gain", "gate", "balance", "rules", "rest", "versions",
+        "noises", "steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}
@@ -209,6 +211,9 @@ def finish(listener: Listener, config: ListenConfig) -> None:
         fold_scale(layer, mean, spread)
     for layer in (direct.hear, listener.contact.listen):
         fold_scale(layer, mean[:dim], spread[:dim])
+    slope, offset = config.gate
+    direct.voice.weight.mul_(slope)
+    direct.voice.bias.mul_(slope).add_(offset)
     mix = (1 - config.share) * listener.mix
     for layer in (direct.move, direct.straight):
         layer.weight.copy_(mix.T @ layer.weight)

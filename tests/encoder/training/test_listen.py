@@ -70,7 +70,7 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     tmp_path: Path,
 ) -> None:
     student, pieces = untrained()
-    config = settings(tmp_path, share=0.4, gain=1.5)
+    config = settings(tmp_path, share=0.4, gain=1.5, gate=(2.0, -0.5))
     listener = listen.new_listener(pieces, student, config)
     for tensor in (*listener.direct.parameters(), *listener.contact.parameters()):
         torch.nn.init.normal_(tensor, std=0.2)
@@ -79,7 +79,7 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     mouth, codes = listener.mouth, student.unstandardise(x0)
     said = listener.lines.beside(listener.direct.said(seen), seen)
     mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said
-    voice = listener.direct.voiced(seen[..., :7]).sigmoid()
+    voice = (2 * listener.direct.voiced(seen[..., :7]) - 0.5).sigmoid()
     wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
     moved = listener.contact.moved_mm(student.standardise(wanted), seen[..., :7])
     listen.finish(listener, config)
