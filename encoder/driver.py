@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from encoder.alive.alive import Alive, AliveState
+from encoder.alive.alive import Alive, AliveState, Heard
 from encoder.alive.face import evened
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
@@ -95,9 +95,11 @@ class Driver:
             heard, looked = self._threads.both(listen, look)
         else:
             heard, looked = listen(), look()
-        (features, backend_state), (condition, gaze, gaze_state, eye_frames) = heard, looked
+        (features, backend_state, noise, accents), (condition, gaze, gaze_state, eye_frames) = (
+            heard,
+            looked,
+        )
         with timer("denoise"):
-            noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
             emotion, mood = self._emotion(frame.emotion, state.mood)
             code, backend_state = self.backend.denoise(
                 noise, features, condition, backend_state, emotion
@@ -111,7 +113,9 @@ class Driver:
             if self.eyes is None:  # no camera sees the lids
                 expression = evened(expression, self.alive.shapes)
             made = isinstance(state.gaze, WalkState) and frame.gaze is None
-            shown, alive = self.alive.step(frame, expression, gaze, made, state.seed, state.alive)
+            shown, alive = self.alive.step(
+                frame, expression, gaze, made, state.seed, state.alive, accents
+            )
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
         return driven, replace(after, alive=alive)
 
@@ -135,10 +139,18 @@ class Driver:
             return None, mood
         return self.emotions.step(words, mood)
 
-    def _listen(self, frame: SensorFrame, state: DriverState, timer: Timer) -> tuple[Floats, Any]:
-        """The audio features [A], and the backend's state after them."""
+    def _listen(
+        self, frame: SensorFrame, state: DriverState, timer: Timer
+    ) -> tuple[Floats, Any, Floats, Heard | None]:
+        """The audio features [A], the backend's state after them; the noise [256] and the accents
+        of speech, which need not wait for the eyes either."""
         with timer("audio"):
-            return self.backend.audio(frame.audio, state.backend)
+            features, after = self.backend.audio(frame.audio, state.backend)
+            noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
+            accents = None
+            if self.alive and isinstance(state.alive, AliveState):
+                accents = self.alive.hear(frame, state.alive)
+            return features, after, noise, accents
 
     def _look(
         self, frame: SensorFrame, state: DriverState, timer: Timer

@@ -19,7 +19,7 @@ import numpy as np
 from encoder.alive import face, motion, noise, prosody, tracking
 from encoder.alive.face import FaceState, Shapes
 from encoder.alive.motion import MotionState
-from encoder.alive.prosody import ProsodyState
+from encoder.alive.prosody import Prosody, ProsodyState
 from encoder.alive.tracking import TrackState
 from encoder.types import Floats
 from sensors import rotation
@@ -27,6 +27,7 @@ from sensors.rotation import REST, UNIT, Quat
 from sensors.types import HeadPose, SensorFrame
 
 Mode = Literal["auto", "synth", "track"]
+Heard = tuple[Prosody, ProsodyState]  # of a frame, and the state after it
 MICRO_FRAMES = 20  # Martinez-Conde, Macknik and Hubel (2004): micro-saccades, one or two a second
 MICRO_RAD = (radians(0.12), radians(0.26))  # of a fixation's offset; jumps of .2 to .5 degrees
 KIND = 40  # of noise
@@ -66,6 +67,10 @@ class Alive:
     def recentred(self, state: AliveState) -> AliveState:
         return AliveState(state.prosody, state.motion, state.face, tracking.recentred(state.track))
 
+    def hear(self, frame: SensorFrame, state: AliveState) -> Heard:
+        """The part of `step` that knows nothing but the sound: it need not wait for the rest."""
+        return prosody.step(frame.audio, state.prosody)
+
     def step(
         self,
         frame: SensorFrame,
@@ -74,11 +79,14 @@ class Alive:
         synthesised: bool,  # the gaze
         seed: int,
         state: AliveState,
+        heard: Heard | None = None,  # what `hear` said of this frame; None: nobody asked
     ) -> tuple[AliveFrame, AliveState]:
-        heard, prosody_state = prosody.step(frame.audio, state.prosody)
-        brows, lungs, face_state = face.step(frame.index, heard, seed, state.face)
+        accents, prosody_state = heard or self.hear(frame, state)
+        brows, lungs, face_state = face.step(frame.index, accents, seed, state.face)
         wanted = _pitch_yaw(gaze) if synthesised and self.mode != "track" else None
-        angles, for_eyes, motion_state = motion.step(frame.index, heard, wanted, seed, state.motion)
+        angles, for_eyes, motion_state = motion.step(
+            frame.index, accents, wanted, seed, state.motion
+        )
         a, b = angles, for_eyes
         moved = rotation.from_angles((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
         without = REST if self.mode == "track" else HeadPose(quat=moved)
