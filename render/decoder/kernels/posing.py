@@ -154,6 +154,35 @@ def height_at(
 
 
 @loop
+def place_highlight(
+    vertices: Floats,  # [V, 3] mm
+    upper: Ints,  # vertices along the edge of the upper lid, and ...
+    lower: Ints,  # ... of the lower one
+    pupil: Floats,  # [3] unit, the way it points
+    half: Floats,  # [3] unit, between lamp and viewer
+    center: Floats,  # [3] mm, of the eye
+    size: np.float32,  # of this eye
+    cornea_mm: np.float32,  # from that centre to the cornea's, on an eye of size 1
+    radius_mm: np.float32,  # of such a cornea
+    most: np.float32,  # of that radius, how far off the middle of an iris it may be
+    mean: Floats,  # -> [3] mm
+) -> np.float32:  # mm: how far inside the opening of the lids; below zero: covered
+    one, along = np.float32(1), np.float32(0)
+    for k in range(3):
+        along += pupil[k] * half[k]
+    off2 = np.float32(0)
+    for k in range(3):
+        off2 += (half[k] - along * pupil[k]) ** 2
+    inside = min(one, most / max(np.sqrt(off2), np.float32(1e-6)))
+    out = np.sqrt(max(one - off2 * inside * inside, np.float32(0)))
+    for k in range(3):
+        off = (half[k] - along * pupil[k]) * inside
+        mean[k] = center[k] + size * ((cornea_mm + radius_mm * out) * pupil[k] + radius_mm * off)
+    top, bottom = height_at(vertices, upper, mean[0]), height_at(vertices, lower, mean[0])
+    return min(top - mean[1], mean[1] - bottom)
+
+
+@loop
 def heights_from(
     vertices: Floats,  # [V, 3] mm
     members: Ints,  # [P] vertices along a line
