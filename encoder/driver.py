@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from encoder.alive.alive import Alive, AliveState, Heard
+from encoder.alive.alive import Alive, AliveState, Moved
 from encoder.alive.face import evened
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
@@ -99,10 +99,8 @@ class Driver:
             heard, looked = self._threads.both(listen, look)
         else:
             heard, looked = listen(), self._walk(frame, state.gaze, state.seed, timer)
-        (features, backend_state, noise, accents), (condition, gaze, gaze_state, eye_frames) = (
-            heard,
-            looked,
-        )
+        features, backend_state, noise, moved = heard
+        condition, gaze, gaze_state, eye_frames = looked
         with timer("denoise"):
             emotion, mood = self._emotion(frame.emotion, state.mood)
             code, backend_state = self.backend.denoise(
@@ -118,7 +116,7 @@ class Driver:
                 expression = evened(expression, self.alive.shapes)
             made = isinstance(state.gaze, WalkState) and frame.gaze is None
             shown, alive = self.alive.step(
-                frame, expression, gaze, made, state.seed, state.alive, accents
+                frame, expression, gaze, made, state.seed, state.alive, moved
             )
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
         return driven, replace(after, alive=alive)
@@ -145,15 +143,15 @@ class Driver:
 
     def _listen(
         self, frame: SensorFrame, state: DriverState, timer: Timer
-    ) -> tuple[Floats, Any, Floats, Heard | None]:
-        """The audio features [A], the backend's state after them; the noise [256] and the accents
-        of speech, which need not wait for the eyes either."""
+    ) -> tuple[Floats, Any, Floats, Moved | None]:
+        """The audio features [A], the backend's state after them; the noise [256] and, where
+        gaze is measured, how the head moves, which need not wait for the eyes either."""
         with timer("audio"):
             noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
-            accents = None
-            if self.alive and isinstance(state.alive, AliveState):
-                accents = self.alive.hear(frame, state.alive)
-            return *self.backend.audio(frame.audio, state.backend), noise, accents
+            moved = None
+            if self.alive and isinstance(state.alive, AliveState) and self.eyes:
+                moved = self.alive.move(frame, None, state.seed, state.alive)
+            return *self.backend.audio(frame.audio, state.backend), noise, moved
 
     def _framed(self, frame: SensorFrame, state: EyeState, timer: Timer) -> Framed | None:
         """The pictures of the eyes, made ready here: it is Python's work, and listening begins with
