@@ -98,6 +98,7 @@ class Driver:
             look = partial(self._look, frame, state.gaze, framed, state.seed, timer)
             heard, looked = self._threads.both(listen, look)
         else:
+            assert isinstance(state.gaze, WalkState)
             heard, looked = listen(), self._walk(frame, state.gaze, state.seed, timer)
         features, backend_state, noise, moved = heard
         condition, gaze, gaze_state, eye_frames = looked

@@ -1,6 +1,6 @@
 """Waiting awake, for what takes some millionths of a second: to be woken may take three hundred."""
 
-# pyright: reportUntypedFunctionDecorator=false
+# pyright: basic, reportUntypedFunctionDecorator=false
 import platform
 from typing import Any
 

@@ -162,7 +162,7 @@ class Decoder:
         bent = cache.neck.bent(head, breath) if breath or head != REST else None
         move = bent.head if bent else AT_REST
 
-        def pose() -> tuple[Floats, Floats, np.float32, Posed]:
+        def pose() -> tuple[Floats, Floats, float, Posed]:
             vertices, turned = self.posing.pose(rig, gaze, identity.rest), None
             at_rest, gap = vertices[cache.skin.rows], self.posing.mouth.gaps(vertices).max()
             if bent:
@@ -183,7 +183,7 @@ class Decoder:
 
         (vertices, at_rest, gap, posed), visibility = self._threads.both(pose, look)
         assert cloud.shine
-        rows = (array[:count] for array in (means, quats, scales, colors))
+        rows = means[:count], quats[:count], scales[:count], colors[:count]
         skin = SkinGaussians(*rows, cloud.shine.weights)
         self.teeth_light.fill(visibility, gap)
         self.tongue_light.fill(vertices, identity.geometry, visibility, gap)
