@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from encoder.alive.alive import Alive, AliveState
+from encoder.alive.alive import Alive, AliveState, Moved
 from encoder.alive.face import evened
 from encoder.emotion.control import NEUTRAL, Emotions
 from encoder.eyes.gaze_graph import GazeGraph
@@ -31,8 +31,11 @@ if TYPE_CHECKING:
     from encoder.denoiser.config import DenoiserConfig
     from encoder.eyes.calibration import EyeCalibration
     from encoder.eyes.encoder import EyeEncoder
+    from encoder.eyes.framing import Framed
 
 Timer = Callable[[str], AbstractContextManager[object]]
+# The denoiser's condition, gaze [2, 3], the state after it, DrivenFrame.eye_frames.
+Looked = tuple[Floats, Floats, "WalkState | EyeState", Floats | None]
 
 
 def frame_noise(seed: int, index: int, dim: int) -> Floats:
@@ -90,14 +93,16 @@ class Driver:
     ) -> tuple[DrivenFrame, DriverState]:
         """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
         listen = partial(self._listen, frame, state, timer)
-        look = partial(self._look, frame, state, timer)
         if isinstance(state.gaze, EyeState):
+            framed = self._framed(frame, state.gaze, timer)
+            look = partial(self._look, frame, state.gaze, framed, state.seed, timer)
             heard, looked = self._threads.both(listen, look)
         else:
-            heard, looked = listen(), look()
-        (features, backend_state), (condition, gaze, gaze_state, eye_frames) = heard, looked
+            assert isinstance(state.gaze, WalkState)
+            heard, looked = listen(), self._walk(frame, state.gaze, state.seed, timer)
+        features, backend_state, noise, moved = heard
+        condition, gaze, gaze_state, eye_frames = looked
         with timer("denoise"):
-            noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
             emotion, mood = self._emotion(frame.emotion, state.mood)
             code, backend_state = self.backend.denoise(
                 noise, features, condition, backend_state, emotion
@@ -111,7 +116,9 @@ class Driver:
             if self.eyes is None:  # no camera sees the lids
                 expression = evened(expression, self.alive.shapes)
             made = isinstance(state.gaze, WalkState) and frame.gaze is None
-            shown, alive = self.alive.step(frame, expression, gaze, made, state.seed, state.alive)
+            shown, alive = self.alive.step(
+                frame, expression, gaze, made, state.seed, state.alive, moved
+            )
         driven = DrivenFrame(frame.index, frame.t_ns, **vars(shown), eye_frames=eye_frames)
         return driven, replace(after, alive=alive)
 
@@ -135,34 +142,47 @@ class Driver:
             return None, mood
         return self.emotions.step(words, mood)
 
-    def _listen(self, frame: SensorFrame, state: DriverState, timer: Timer) -> tuple[Floats, Any]:
-        """The audio features [A], and the backend's state after them."""
+    def _listen(
+        self, frame: SensorFrame, state: DriverState, timer: Timer
+    ) -> tuple[Floats, Any, Floats, Moved | None]:
+        """The audio features [A], the backend's state after them; the noise [256] and, where
+        gaze is measured, how the head moves, which need not wait for the eyes either."""
         with timer("audio"):
-            return self.backend.audio(frame.audio, state.backend)
+            noise = frame_noise(state.seed, frame.index, self.config.expression_dim)
+            moved = None
+            if self.alive and isinstance(state.alive, AliveState) and self.eyes:
+                moved = self.alive.move(frame, None, state.seed, state.alive)
+            return *self.backend.audio(frame.audio, state.backend), noise, moved
+
+    def _framed(self, frame: SensorFrame, state: EyeState, timer: Timer) -> Framed | None:
+        """The pictures of the eyes, made ready here: it is Python's work, and listening begins with
+        the same, so that threads would only wait for each other."""
+        assert self.eyes is not None
+        with timer("eyes"):
+            if frame.eyes is None or not frame.eyes_valid.any():
+                return None
+            return self.eyes.framing.framed(frame.eyes, state.encoder.framing)
 
     def _look(
-        self, frame: SensorFrame, state: DriverState, timer: Timer
-    ) -> tuple[Floats, Floats, WalkState | EyeState, Floats | None]:
-        """The denoiser's condition, gaze [2, 3], the state after it, DrivenFrame.eye_frames."""
-        if isinstance(state.gaze, WalkState):
-            with timer("gaze"):
-                walker = GazeWalk(self.graph, state.seed)
-                if frame.gaze is not None:  # a headset says where the eyes look
-                    gaze = np.array([frame.gaze] * 2, np.float32)
-                    return gaze.reshape(-1), gaze, walker.near(gaze, state.gaze), None
-                gaze, _, walk = walker.step(state.gaze)
-            return gaze.reshape(-1), gaze, walk, None
-        assert self.eyes is not None and isinstance(state.gaze, EyeState)
-        with timer("eyes"):
-            reading, eye_state = None, state.gaze
-            if frame.eyes is not None and frame.eyes_valid.any():
-                reading, seen_by = self.eyes.step(frame.eyes, eye_state.encoder)
-                eye_state = replace(eye_state, encoder=seen_by)
+        self, frame: SensorFrame, state: EyeState, framed: Framed | None, seed: int, timer: Timer
+    ) -> Looked:
+        assert self.eyes is not None
         with timer("gaze"):
-            tracker = self._tracker(state.seed)
-            seen, eye_state = tracker.step(reading, frame.eyes_valid, eye_state)
-            eye_frames = eyes_in(eye_state)
-        return seen.features.reshape(-1), seen.gaze, eye_state, eye_frames
+            reading = None
+            if framed:
+                reading, seen_by = self.eyes.read(framed, state.encoder)
+                state = replace(state, encoder=seen_by)
+            seen, state = self._tracker(seed).step(reading, frame.eyes_valid, state)
+            return seen.features.reshape(-1), seen.gaze, state, eyes_in(state)
+
+    def _walk(self, frame: SensorFrame, state: WalkState, seed: int, timer: Timer) -> Looked:
+        with timer("gaze"):
+            walker = GazeWalk(self.graph, seed)
+            if frame.gaze is not None:  # a headset says where the eyes look
+                gaze = np.array([frame.gaze] * 2, np.float32)
+                return gaze.reshape(-1), gaze, walker.near(gaze, state), None
+            gaze, _, walk = walker.step(state)
+            return gaze.reshape(-1), gaze, walk, None
 
     def _tracker(self, seed: int) -> EyeTracker:
         assert self.eyes is not None

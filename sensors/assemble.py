@@ -169,10 +169,10 @@ class Assembler:
                 self._shown[eye] = waiting.popleft()
         if self._shown == [None, None]:
             return None, valid, age_ns
-        eyes = np.zeros((2, EYE_SIZE, EYE_SIZE), np.uint8)
+        eyes = np.empty((2, EYE_SIZE, EYE_SIZE), np.uint8)
         for eye, packet in enumerate(self._shown):
+            eyes[eye] = packet.image if packet else 0
             if packet is not None:
-                eyes[eye] = packet.image
                 age_ns[eye] = t_ns - packet.t_ns
                 valid[eye] = age_ns[eye] <= self._eye_tolerance_ns
         return eyes, valid, age_ns

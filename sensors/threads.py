@@ -9,6 +9,10 @@ from contextlib import contextmanager, suppress
 from queue import SimpleQueue
 from typing import Any, TypeVar
 
+import numpy as np
+
+from sensors.spinning import wait_for
+
 MOST = 8
 A = TypeVar("A")
 B = TypeVar("B")
@@ -30,7 +34,7 @@ class Threads:
 
         Nobody waits for a helper that is late, because its CPU is busy: the others do its parts.
         """
-        left = iter(range(parts))
+        left, done = iter(range(parts)), np.zeros(parts, np.int64)
         others = SimpleQueue[Exception | None]()  # what became of each part that helpers did
 
         def help_out() -> None:
@@ -41,6 +45,7 @@ class Threads:
                     others.put(error)
                 else:
                     others.put(None)
+                done[part] = 1
 
         self._call(help_out)
         own = 0
@@ -50,6 +55,7 @@ class Threads:
                 work(part)
         finally:
             own += sum(1 for _ in left)  # after an error nobody does the rest
+            wait_for(done, parts - own)
             failures = [others.get() for _ in range(parts - own)]
         for failure in failures:
             if failure:
@@ -59,7 +65,7 @@ class Threads:
         """What two calls return that know nothing of each other: the first of the caller, the
         second of a helper; of the caller, too, where the helper's CPU is busy.
         """
-        left = iter((there,))  # whoever takes it does it
+        left, done = iter((there,)), np.zeros(1, np.int64)  # whoever takes it does it
         others = SimpleQueue[tuple[Any, Exception | None]]()
 
         def help_out() -> None:
@@ -68,12 +74,14 @@ class Threads:
                     others.put((work(), None))
                 except Exception as error:
                     others.put((None, error))
+                done[0] = 1
 
         self._call(help_out, most=1)
         with self._staying():
             own = here()
             for work in left:
                 return own, work()
+            wait_for(done, 1)
             other, error = others.get()
         if error:
             raise error

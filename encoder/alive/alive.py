@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, pi, radians, sin
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -52,6 +52,17 @@ class AliveFrame:
     breath: float  # 0..1
 
 
+class Moved(NamedTuple):
+    """What of a frame is known before its expression."""
+
+    brows: float  # 0..1 how far they are up
+    lungs: float  # 0..1
+    head: HeadPose
+    unaided: Quat  # where no tracker says how it is held
+    fast: Quat  # of its motion, that eyes make up for
+    after: AliveState
+
+
 class Alive:
     """Holds settings only; every stream's memory is in its state."""
 
@@ -66,6 +77,21 @@ class Alive:
     def recentred(self, state: AliveState) -> AliveState:
         return AliveState(state.prosody, state.motion, state.face, tracking.recentred(state.track))
 
+    def move(self, frame: SensorFrame, gaze: Floats | None, seed: int, state: AliveState) -> Moved:
+        """The part of `step` that need not wait for the expression; gaze [2, 3] where it is
+        synthesised: gaze that was measured moves no head."""
+        heard, prosody_state = prosody.step(frame.audio, state.prosody)
+        brows, lungs, face_state = face.step(frame.index, heard, seed, state.face)
+        wanted = None if gaze is None or self.mode == "track" else _pitch_yaw(gaze)
+        a, b, motion_state = motion.step(frame.index, heard, wanted, seed, state.motion)
+        moved = rotation.from_angles((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
+        head = REST if self.mode == "track" else HeadPose(quat=moved)
+        fast, track = UNIT, state.track
+        if self.mode != "synth":
+            head, fast, track = tracking.step(frame, head, state.track)
+        after = AliveState(prosody_state, motion_state, face_state, track)
+        return Moved(brows, lungs, head, moved, fast, after)
+
     def step(
         self,
         frame: SensorFrame,
@@ -74,29 +100,20 @@ class Alive:
         synthesised: bool,  # the gaze
         seed: int,
         state: AliveState,
+        moved: Moved | None = None,  # what `move` said of this frame; None: nobody asked
     ) -> tuple[AliveFrame, AliveState]:
-        heard, prosody_state = prosody.step(frame.audio, state.prosody)
-        brows, lungs, face_state = face.step(frame.index, heard, seed, state.face)
-        wanted = _pitch_yaw(gaze) if synthesised and self.mode != "track" else None
-        angles, for_eyes, motion_state = motion.step(frame.index, heard, wanted, seed, state.motion)
-        a, b = angles, for_eyes
-        moved = rotation.from_angles((a[0] + b[0], a[1] + b[1], a[2] + b[2]))
-        without = REST if self.mode == "track" else HeadPose(quat=moved)
-        head, fast, track = without, UNIT, state.track
-        if self.mode != "synth":
-            head, fast, track = tracking.step(frame, without, state.track)
-        up = 0.0
+        moved = moved or self.move(frame, gaze if synthesised else None, seed, state)
+        track, up = moved.after.track, 0.0
         if synthesised:
-            quick = fast if track.share > 0 else UNIT
+            quick = moved.fast if track.share > 0 else UNIT
             if self.mode != "track":
-                quick = rotation.slerp(moved, fast, track.share)
+                quick = rotation.slerp(moved.unaided, moved.fast, track.share)
             turned = _in_head(gaze, quick) + _micro(seed, frame.index)
             turned /= np.linalg.norm(turned, axis=1, keepdims=True)
             up = float(np.arcsin(turned[:, 1]).mean() - np.arcsin(gaze[:, 1]).mean())
             gaze = turned.astype(np.float32)
-        shown = face.changed(expression, self.shapes, brows, lungs, up)
-        after = AliveState(prosody_state, motion_state, face_state, track)
-        return AliveFrame(shown, gaze, head, lungs), after
+        shown = face.changed(expression, self.shapes, moved.brows, moved.lungs, up)
+        return AliveFrame(shown, gaze, moved.head, moved.lungs), moved.after
 
 
 def _pitch_yaw(gaze: Floats) -> tuple[float, float]:

@@ -22,11 +22,10 @@ from encoder.eyes.format import (
     EyeNetConfig,
     doubt_of,
     length,
-    normalised,
     unit,
     within,
 )
-from encoder.eyes.framing import EyeFraming, FramingState, new_framing
+from encoder.eyes.framing import EyeFraming, Framed, FramingState, new_framing
 from encoder.nn.checkpoint import config_from, load
 from sensors.types import InputError
 
@@ -146,8 +145,11 @@ class EyeEncoder:
         eyes: NDArray[np.uint8],  # [2, 400, 400] left, right
         state: EncoderState,
     ) -> tuple[EyeReading, EncoderState]:
-        framed, framing = self.framing.step(eyes, state.framing)
-        small, spreads = normalised(framed)
+        return self.read(self.framing.framed(eyes, state.framing), state)
+
+    def read(self, framed: Framed, state: EncoderState) -> tuple[EyeReading, EncoderState]:
+        """What pictures show that `EyeFraming.framed` has made ready."""
+        pictures, small, spreads, framing = framed
         (features, heads, relative, together), measured, state = self._asked(
             small, replace(state, framing=framing)
         )
@@ -174,7 +176,7 @@ class EyeEncoder:
             doubt=measured.doubt,
             side=_chance(heads[:, 3]) * seen,
             pupils=measured.pupils,
-            framed=framed,
+            framed=pictures,
         )
         return reading, state
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +56,15 @@ def new_framing() -> FramingState:
     return FramingState(as_it_is, as_it_is, zeros, zeros, zeros)
 
 
+class Framed(NamedTuple):
+    """A pair of pictures before the networks read it."""
+
+    pictures: Picture  # [2, 100, 100] framed, left-like
+    small: Array  # [2, 1, 100, 100] the same, see `normalised`
+    spreads: Array  # [2] grey levels
+    framing: FramingState  # after them
+
+
 class EyeFraming:
     """Holds the finder's weights only."""
 
@@ -63,6 +73,11 @@ class EyeFraming:
         from encoder.nn.onnx_session import session
 
         self._session = session(finder_model(weights))
+
+    def framed(self, eyes: Picture, state: FramingState) -> Framed:
+        """The same, and what the networks want to know of it."""
+        pictures, after = self.step(eyes, state)
+        return Framed(pictures, *normalised(pictures), after)
 
     def step(
         self,

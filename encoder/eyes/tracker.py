@@ -98,8 +98,7 @@ class EyeTracker:
         if reading is not None and good.any():
             lids, told = reading.lids, reading.told(good)
             own = self._own(reading, told, good, state)
-            state = replace(state, own=own.gaze)
-        state = replace(state, session=learned(lids, told, good, state.session))
+        session = learned(lids, told, good, state.session)
         lost = tuple(0 if good[e] else min(state.lost[e] + 1, NO_EYE_FRAMES + 1) for e in (0, 1))
         first = state.shown is None
         holds = [lost[eye] <= (NO_EYE_FRAMES if fresh[eye] else HOLD_FRAMES) for eye in (0, 1)]
@@ -123,8 +122,9 @@ class EyeTracker:
             seen = seen._replace(gaze=limited(state.shown.gaze, seen.gaze))
         fade = [min(f + 1, FADE_FRAMES) for f in fade]
         after = replace(
-            state, shown=seen, faded=faded, source=source, lost=lost, fade=(fade[0], fade[1])
-        )
+            state, shown=seen, faded=faded, source=source, lost=lost, fade=(fade[0], fade[1]),
+            session=session, own=own.gaze if own else state.own,
+        )  # fmt: skip
         return seen, after
 
     def _own(
@@ -155,7 +155,7 @@ class EyeTracker:
         """The next frame of synthesised eyes, begun where the eyes look now. While a camera
         delivers they do not blink: a blink of the head's is one that a camera saw."""
         if not needed:
-            return None, replace(state, walking=False)
+            return None, replace(state, walking=False) if state.walking else state
         walk = state.walk
         if not state.walking and state.shown is not None:
             walk = self.walk.near(state.shown.gaze, walk)

@@ -24,7 +24,7 @@ from render.decoder.learned import weights_file
 from render.decoder.learned.light import LightNet
 from render.decoder.neck import Neck, TurnedHead
 from render.decoder.posing import Posing
-from render.decoder.surface import AT_REST, SkinGaussians, Surface
+from render.decoder.surface import AT_REST, Posed, SkinGaussians, Surface
 from render.lighting import LIGHTINGS, SHEEN, Lighting
 from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
@@ -159,37 +159,37 @@ class Decoder:
         With `reuse` these are the last such call's arrays for this identity, overwritten.
         """
         rig, cache = expression.astype(np.float32) @ self.coding.to_rig, self.cached(identity)
-        vertices, visibility = self._threads.both(
-            lambda: self.posing.pose(rig, gaze, identity.rest),
-            lambda: self.visibility(expression, identity),
-        )
+        bent = cache.neck.bent(head, breath) if breath or head != REST else None
+        move = bent.head if bent else AT_REST
+
+        def pose() -> tuple[Floats, Floats, float, Posed]:
+            vertices, turned = self.posing.pose(rig, gaze, identity.rest), None
+            at_rest, gap = vertices[cache.skin.rows], self.posing.mouth.gaps(vertices).max()
+            if bent:
+                turned = TurnedHead(bent, cache.still, cache.stretch)
+                neck.bend_vertices(vertices, cache.skin, bent)
+            return vertices, at_rest, gap, self.surface.posed(vertices, cache.rest, turned)
+
         fixed = identity, cache, self.roughness, self.lighting
         cloud = cache.cloud if reuse else static_cloud(*fixed)
         means, quats, scales, opacities, colors = (getattr(cloud, name) for name in FIELDS)
+        count, beard = len(cache.opacities), len(means) - len(identity.beard)
+        spots, hair, strands = slice(count, count + 2), slice(count + 2, beard), slice(beard, None)
 
-        count = len(cache.opacities)
-        assert cloud.shine is not None
-        rows = (means[:count], quats[:count], scales[:count], colors[:count])
+        def look() -> Floats:
+            still = cache.strands.means, cache.strands.quats
+            neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
+            return self.visibility(expression, identity)
+
+        (vertices, at_rest, gap, posed), visibility = self._threads.both(pose, look)
+        assert cloud.shine
+        rows = means[:count], quats[:count], scales[:count], colors[:count]
         skin = SkinGaussians(*rows, cloud.shine.weights)
-        gap = self.posing.mouth.gaps(vertices).max()
         self.teeth_light.fill(visibility, gap)
         self.tongue_light.fill(vertices, identity.geometry, visibility, gap)
-        bent, turned, move, at_rest = None, None, AT_REST, vertices
-        if breath or head != REST:
-            bent, at_rest = cache.neck.bent(head, breath), vertices[cache.skin.rows]
-            turned, move = TurnedHead(bent, cache.still, cache.stretch), bent.head
-            neck.bend_vertices(vertices, cache.skin, bent)
-        spots, hair = slice(count, count + 2), slice(count + 2, count + 2 + len(cache.strands))
-        still, strands = (cache.strands.means, cache.strands.quats), slice(hair.stop, len(means))
         looks = gaze, identity.eye_centers, cache.eye_sizes, eyes.HALF @ move[:, :3]
 
-        def place_hair() -> None:
-            if bent:
-                neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
-            else:
-                means[hair], quats[hair] = still
-
-        def place_beard() -> None:
+        def place_highlights_and_beard() -> None:
             eyes.place_highlights(self.posing, vertices, *looks, means[spots], opacities[spots])
             identity.beard.attach(vertices, means[strands], quats[strands])
             if bent:
@@ -197,23 +197,23 @@ class Decoder:
                     neck.turn(means[rows], quats[rows], bent)
             quats[spots] = (1, 0, 0, 0)  # round: a turn shows nothing
 
-        shown = vertices, visibility, cache.rest, cache.reflected, cache.gloss
-        share, beside = self._threads.share, (place_hair, place_beard)
-        self.surface.place(*shown, skin, self.lighting, turned, share, beside)
+        share = self._threads.share
+        carried = self.surface.light(vertices, visibility, posed, self.lighting, move, share)
+        parts = self.surface.gaussians(carried, posed, cache.reflected, cache.gloss, skin)
+        parts.insert(0, place_highlights_and_beard)
+        share(lambda part: parts[part](), len(parts))
         self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
         for line, eye in zip(self.posing.lid_lines, self.eyes, strict=True):
             lid = skin.colors[eye.lid].mean(0)
             line.tint_covered(vertices, skin.means, eye.covered, lid, skin.colors, move)
-        opened = min(max((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0), 1)
-        scaled(cache.opacities, self.interior, np.float32(opened), opacities)
-        if bent:
-            vertices[cache.skin.rows] = at_rest
+        opened = np.float32(min(max((gap - MOUTH_SHUT_MM) / MOUTH_OPENS_MM, 0), 1))
+        scaled(cache.opacities, self.interior, opened, opacities)
+        vertices[cache.skin.rows] = at_rest
         return Mesh(vertices, self.faces), cloud
 
     def cached(self, identity: Identity) -> IdentityCache:
         """Kept for as long as the identity lives."""
-        cache = self._cache.get(identity)
-        if cache is None:
+        if (cache := self._cache.get(identity)) is None:
             hair = identity.hair.of_density(self.density)
             neutral = self.coding.normalised(np.zeros(EXPRESSION_DIM, np.float32))
             biases = self.light.nested(identity.biases)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.decoder.cover import WHOLLY
+from render.decoder.kernels.posing import place_highlight
 from render.decoder.posing import Posing, eye_rotation, sphere_centre
 from render.decoder.surface import Surface
 from render.lighting import KEY
@@ -17,11 +18,11 @@ SHOWN = 0.6  # least light on what shows of an eye: a place in a corner may come
 RIM_DEG = (72.0, 88.0)  # from straight ahead: where an eyeball fades into the dark of its socket
 OPACITY = 0.9  # of a highlight
 # From the centre of an eye that comes EYE_MM forward; on larger eyes both are larger.
-CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = 6.2, 10.5, 15.95
+CORNEA_MM, CORNEA_RADIUS_MM, EYE_MM = np.float32(6.2), np.float32(10.5), 15.95
 # Where a highlight is, seen from the front: that of the lower half of the box, which lids leave.
 HALF = KEY.towards * (1, 0.5, 1) + (0, 0, 1)
-HALF /= np.linalg.norm(HALF)
-ON_CORNEA = 0.42  # of that radius, how far off the middle of an iris it may be
+HALF = (HALF / np.linalg.norm(HALF)).astype(np.float32)
+ON_CORNEA = np.float32(0.42)  # of that radius, how far off the middle of an iris it may be
 LID_COVERS_MM, LID_CLEARS_MM = -0.3, 0.6  # the highlight's way out from behind the edge of a lid
 
 
@@ -88,7 +89,7 @@ def turned_out(head: Surface, posing: Posing, face: Floats, visibility: Floats) 
 def eye_sizes(posing: Posing, geometry: Floats, centers: Floats) -> Floats:  # -> [2]
     """How far forward both eyes of a face [V, 3] come, as shares of EYE_MM."""
     fronts = [geometry[eye, 2].max() for eye in posing.eyeballs]
-    return (np.array(fronts) - centers[:, 2]) / EYE_MM
+    return ((np.array(fronts) - centers[:, 2]) / EYE_MM).astype(np.float32)
 
 
 def place_highlights(
@@ -101,13 +102,9 @@ def place_highlights(
     means: Floats,  # -> [2, 3] mm
     opacities: Floats,  # -> [2]
 ) -> None:
-    pupils = np.stack([eye_rotation(gaze[eye], eye)[:, 2] for eye in range(2)])
-    off = half - (pupils @ half)[:, None] * pupils
-    off *= np.minimum(1, ON_CORNEA / np.maximum(np.linalg.norm(off, axis=1), 1e-6))[:, None]
-    out = np.sqrt(1 - (off * off).sum(1))[:, None]
-    cornea = (CORNEA_MM + CORNEA_RADIUS_MM * out) * pupils + CORNEA_RADIUS_MM * off
-    means[:] = centers + sizes[:, None] * cornea
-    for eye in range(2):
-        clear = posing.lid_lines[eye].clearance(vertices, means[eye])
+    for eye, line in enumerate(posing.lid_lines):
+        pupil = np.ascontiguousarray(eye_rotation(gaze[eye], eye)[:, 2])
+        sides = vertices, line.upper, line.lower, pupil, half, centers[eye], sizes[eye]
+        clear = place_highlight(*sides, CORNEA_MM, CORNEA_RADIUS_MM, ON_CORNEA, means[eye])
         share = (clear - LID_COVERS_MM) / (LID_CLEARS_MM - LID_COVERS_MM)
         opacities[eye] = OPACITY * min(max(share, 0.0), 1.0)

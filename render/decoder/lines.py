@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from render.decoder.kernels import contact
 from render.decoder.kernels import posing as posing_kernels
 from render.types import Floats, Ints
 
@@ -41,7 +42,7 @@ class Line:
     def gaps(self, vertices: Floats) -> Floats:  # [V, 3] -> [C] mm, below zero where they cross
         """The gap at each column: the smallest of the pairs around it."""
         out = np.empty(len(self.columns), np.float32)
-        posing_kernels.measure_gaps(vertices, self.upper, self.lower, self.nearest, out)
+        contact.measure_gaps(vertices, self.upper, self.lower, self.nearest, out)
         return out
 
     def between_sides(
@@ -92,7 +93,7 @@ class Line:
 
     def open(self, vertices: Floats, by: Floats) -> None:
         """Move the sides apart by `by` [C] mm, in place."""
-        posing_kernels.move_apart(vertices, self.members, self.share, *self.between, by)
+        contact.move_apart(vertices, self.members, self.share, *self.between, by)
 
     @cached_property
     def between(self) -> tuple[Ints, Floats]:
@@ -102,13 +103,11 @@ class Line:
         share = ((self.place - self.columns[first]) / gap).clip(0, 1)
         return first.astype(np.int32), share.astype(np.float32)
 
-    def part(self, vertices: Floats) -> None:
-        """Undo a crossing, in place."""
-        for _ in range(PUSH_PASSES):
-            gap = self.gaps(vertices)
-            if gap.min() >= 0:
-                return
-            self.open(vertices, np.maximum(-gap, np.float32(0)))
+    @cached_property
+    def sides(self) -> contact.Sides:
+        """What the loops in kernels/contact.py want to know of it."""
+        pairs = self.upper, self.lower, self.nearest
+        return (*pairs, self.members, self.share, *self.between)
 
     def tensors(self, prefix: str) -> dict[str, NDArray[np.generic]]:
         """For a weights file."""
@@ -131,11 +130,6 @@ class Lips:
     upper: Ints  # [P] rows of these that face ...
     lower: Ints  # [P] ... these
 
-    def part(self, vertices: Floats, rest: Floats) -> None:  # [V, 3] mm, [V, 3] mm
-        """Undo a crossing, in place."""
-        pairs = self.members, self.upper, self.lower
-        posing_kernels.unpress(vertices, rest, *pairs, PRESSED_MM, PRESSED_PASSES)
-
     @classmethod
     def of(cls, mean_face: Floats, upper: Ints, lower: Ints) -> "Lips":  # [V, 3] mm at rest
         upper = np.setdiff1d(upper, lower)
@@ -150,14 +144,17 @@ class Lips:
         )
 
 
-def lift_lids(
+def undo_crossings(
     vertices: Floats,  # [V, 3] mm, changed in place
-    lids: Ints,  # [M] vertices that slide on the eyeball
-    reach: Floats,  # [M] mm from the eye's centre below which they may not come
-    center: Floats,  # [3] mm
+    rest: Floats,  # [V, 3] mm
+    mouth: Line,
+    lips: Lips,
+    lids: tuple[Line, Line],
 ) -> None:
-    """Push lid vertices out of the eyeball: straight blendshapes cut through the sphere."""
-    posing_kernels.push_out(vertices, lids, reach, center)
+    """Lips meet wherever they meet, and lids shut, but neither crosses."""
+    pressed = (lips.members, lips.upper, lips.lower), PRESSED_MM, PRESSED_PASSES
+    both = lids[0].sides, lids[1].sides
+    contact.undo_crossings(vertices, rest, mouth.sides, *pressed, both, PUSH_PASSES)
 
 
 def eye_radius(eyeball: Floats, center: Floats) -> float:  # [n, 3], [3] -> mm

@@ -150,11 +150,14 @@ def turn_hair(
     means: Floats,  # [N, 3] mm, at rest
     quats: Floats,  # [N, 4]
     share: Share,
-    bent: Bent,
+    bent: Bent | None,
     out_means: Floats,  # -> [N, 3] mm
     out_quats: Floats,  # -> [N, 4]
 ) -> None:
-    """Turn what goes with the head, but for those that do so in part."""
+    """Turn what goes with the head, but for those that do so in part; None: it rests."""
+    if bent is None:
+        out_means[:], out_quats[:] = means, quats
+        return
     kernels.turn(bent.head, bent.turns[-1], means, quats, out_means, out_quats)
     kernels.bend(*share, bent.moves, means, out_means)
     kernels.turn_quats(*share, bent.turns, quats, out_quats)

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
+from render.decoder.kernels import contact
 from render.decoder.kernels import posing as posing_kernels
-from render.decoder.lines import Line, Lips, eye_radius, lid_reach, lift_lids
+from render.decoder.lines import Line, Lips, eye_radius, lid_reach, undo_crossings
 from render.types import Floats, Ints
 
 GEOMETRY_STEPS = np.float32(128)  # a millimetre; int16 reaches 256 mm
@@ -83,10 +84,7 @@ class Posing:
         """rig [R], gaze [2, 3] unit vectors -> vertices [V, 3] mm, head at rest. Lids go up and
         down with the eyes, at least."""
         vertices = self._blendshapes(self.limited(followed(rig, gaze, self.looks)), rest)
-        self.mouth.part(vertices)
-        self.lips.part(vertices, rest.geometry)
-        for line in self.lid_lines:
-            line.part(vertices)
+        undo_crossings(vertices, rest.geometry, self.mouth, self.lips, self.lid_lines)
         for eye, members in enumerate(self.eyeballs):
             posing_kernels.turn_eye(
                 *(
@@ -115,10 +113,9 @@ class Posing:
     def _blendshapes(self, rig: Floats, rest: Rest) -> Floats:
         vertices = np.empty_like(rest.geometry)
         posing_kernels.blend(rest.geometry.reshape(-1), *self.shapes, rig, vertices.reshape(-1))
-        for eye in range(2):
-            blink = min(max(float(rig[self.blinks[eye]]), 0.0), 1.0)
-            self.lid_lines[eye].open(vertices, blink * rest.shut[eye])
-            lift_lids(vertices, self.lids[eye], rest.reach[eye], rest.eye_centers[eye])
+        lines = self.lid_lines[0].sides, self.lid_lines[1].sides
+        shut = rest.shut * rig[list(self.blinks)].clip(0, 1)[:, None]
+        contact.shut_lids(vertices, lines, shut, self.lids, rest.reach, rest.eye_centers)
         return vertices
 
     @cached_property

@@ -5,9 +5,9 @@ everyone). It lies flat on the surface, stretches with it, and its colour is the
 under the light that the posed face receives.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
@@ -45,6 +45,15 @@ class SkinGaussians(NamedTuple):
     shine: Floats  # [N, 4] weight of the mirrored light of each lamp
 
 
+class Posed(NamedTuple):
+    """What the Gaussians of a posed face have from its vertices."""
+
+    normals: Floats  # [U, 3] unit
+    flush: Floats  # [L, 3] gain of linear light, see Surface.flush
+    stretches: Floats  # [F + 1] factors of widths, of the triangles of `face`
+    widths: Floats  # [N] mm, not stretched by them
+
+
 @dataclass(frozen=True)
 class Surface:
     """Shared by everyone; holds no state."""
@@ -71,73 +80,59 @@ class Surface:
             np.where(self.live_triangle < 0, widths, self.scales),
         )
 
-    def place(
-        self,
-        vertices: Floats,  # [V, 3] mm
-        visibility: Floats,  # [4, U] shares of the sky, of the key light and the rims
-        rest: RestSurface,
-        reflected: Floats,  # [N, 3] linear albedo
-        gloss: Floats,  # [N] weight of mirrored light
-        out: SkinGaussians,  # filled, but for the shine of the rims
-        lights: Lighting = STUDIO,
-        turned: TurnedHead | None = None,
-        share: Share = in_turn,
-        beside: Sequence[Callable[[], None]] = (),
-    ) -> None:
-        """The anchored Gaussians of a posed face; `turned`: how it is turned from where the
-        vertices are, and how the skin of the neck is bent and stretched. `beside`: what else those
-        that share the work do, who may read the vertices."""
+    def posed(self, vertices: Floats, rest: RestSurface, turned: TurnedHead | None = None) -> Posed:
+        """What follows from the vertices [V, 3] mm alone; `turned`: how the head is turned from
+        where they are, and how the skin of the neck is bent and stretched."""
         if turned:
             rest = turned.surface(rest)
-        attributes, areas = self.vertex_attributes(
-            vertices, visibility, rest, lights, turned, share
-        )
-        rows, weights, triangles, rest_areas = self.anchors
-        kernels.stretches(areas, rest_areas, *STRETCH)
-
-        def make(part: int) -> None:
-            if part < len(beside):
-                beside[part]()
-                return
-            first = (part - len(beside)) * AT_ONCE
-            kernels.skin_gaussians(
-                *(first, min(first + AT_ONCE, len(rows)), attributes, rows, weights),
-                *(areas, triangles, rest.widths, reflected, gloss, self.depths),
-                *(lighting.FILM, FLATNESS, BEHIND, *out),
-            )
-
-        share(make, len(beside) - len(rows) // -AT_ONCE)
-
-    def vertex_attributes(
-        self,
-        vertices: Floats,
-        visibility: Floats,
-        rest: RestSurface,
-        lights: Lighting = STUDIO,
-        turned: TurnedHead | None = None,
-        share: Share = in_turn,
-    ) -> tuple[Floats, Floats]:
-        """What `kernels.skin_gaussians` interpolates from each used vertex (the light on a white
-        surface is at LIGHT), and the areas of the triangles of `face` [F + 1], mm^2."""
         totals, areas = self.face.around(vertices)
         normals = rest.normals.copy()
         kernels.normalise(totals, self.live, normals)
-        move, towards = AT_REST, lighting.TOWARDS_AND_UP
-        if turned:
-            move, towards = turned.bent.head, towards @ turned.bent.head[:, :3]
-        count = len(self.used)
+        kernels.stretches(areas, self.anchors[3], *STRETCH)
+        return Posed(normals, self.flush(totals[:-1, 3], rest.sums), areas, rest.widths)
+
+    def light(
+        self,
+        vertices: Floats,  # [V, 3] mm
+        visibility: Floats,  # [4, U] shares of the sky, of the key light and the rims
+        posed: Posed,
+        lights: Lighting = STUDIO,
+        move: Floats = AT_REST,  # [3, 4] how the head is turned from where the vertices are
+        share: Share = in_turn,
+    ) -> Floats:
+        """What `kernels.skin_gaussians` interpolates from each used vertex [U, CARRIED]; the light
+        on a white surface is at LIGHT."""
+        towards, count = lighting.TOWARDS_AND_UP @ move[:, :3], len(self.used)
         out = np.empty((count, kernels.CARRIED), np.float32)
 
         def light(part: int) -> None:
             light_kernels.vertex_attributes(
                 *(part * VERTICES_AT_ONCE, min((part + 1) * VERTICES_AT_ONCE, count)),
-                *(vertices, self.used, normals, visibility, towards, *lights.terms),
+                *(vertices, self.used, posed.normals, visibility, towards, *lights.terms),
                 *(lighting.BLEED, lighting.BOUNCE, BEHIND, move, out),
             )
 
         share(light, -(count // -VERTICES_AT_ONCE))
-        light_kernels.gain_light(self.live, self.flush(totals[:-1, 3], rest.sums), out)
-        return out, areas
+        light_kernels.gain_light(self.live, posed.flush, out)
+        return out
+
+    def gaussians(
+        self,
+        carried: Floats,  # [U, CARRIED] see `light`
+        posed: Posed,
+        reflected: Floats,  # [N, 3] linear albedo
+        gloss: Floats,  # [N] weight of mirrored light
+        out: SkinGaussians,  # filled, but for the shine of the rims
+    ) -> list[Callable[[], None]]:
+        """Calls that make them, some each, for threads to share."""
+        rows, weights, triangles, _ = self.anchors
+        look = reflected, gloss, self.depths, lighting.FILM, FLATNESS, BEHIND
+
+        def make(first: int) -> None:
+            span = first, min(first + AT_ONCE, len(rows)), carried, rows, weights
+            kernels.skin_gaussians(*span, posed.stretches, triangles, posed.widths, *look, *out)
+
+        return [partial(make, first) for first in range(0, len(rows), AT_ONCE)]
 
     def take(self, rows: NDArray[np.intp]) -> "Surface":
         """Some of the anchors, in this order."""

@@ -23,7 +23,7 @@ LANES, VECTORS = 16, 4  # pixels of a vector; vectors of a tile
 PIXELS = LANES * VECTORS
 NUMBERS = 12  # of a splat, see `projection.interleave`; nine are used
 AT_ONCE = np.uintp(8)  # splats that are blended before it is asked whether they hide the rest
-AHEAD = np.uintp(8)  # splats that are fetched before they are needed
+AHEAD = 8  # splats that are fetched before they are needed
 OPAQUE = np.float32(1 / 128)  # a tile that lets less through hides the rest
 FUSED = ("contract",)  # a product and its sum are rounded once where the machine can
 # 2^x = P(x)^4, to 8e-5 of it, for -6 <= x <= 0: least squares of relative errors
@@ -55,10 +55,14 @@ def _checked(name: str, array: Any, dimensions: int) -> None:
 
 
 @intrinsic
-def blend_splat(typing_context, tile, splats, row, left, top):  # type: ignore[no-untyped-def]
-    """Blend one splat behind what a tile holds: what it lets through, red, green, blue [4 * 64]."""
+def blend_splats(typing_context, tile, splats, pairs, first, stop, last, left, top):  # type: ignore[no-untyped-def]
+    """Blend the splats pairs[first] .. pairs[stop - 1], one at least, behind what a tile holds:
+    what it lets through, red, green, blue [4 * 64]. All of that stays in registers from splat to
+    splat. pairs[last] is the last one that may be fetched."""
     _checked("tile", tile, 1)
     _checked("splats", splats, 2)
+    if pairs != types.Array(types.uint32, 1, "C"):
+        raise TypingError(f"pairs: expected a contiguous uint32 array, got {pairs}")
 
     def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         def add(a, b):  # type: ignore[no-untyped-def]
@@ -70,30 +74,39 @@ def blend_splat(typing_context, tile, splats, row, left, top):  # type: ignore[n
         def times(a, b):  # type: ignore[no-untyped-def]
             return builder.fmul(a, b, flags=FUSED)
 
-        def place(channel, k):  # type: ignore[no-untyped-def]
-            return builder.gep(pixels, [LONG(VECTORS * channel + k)])
-
-        def load(channel, k):  # type: ignore[no-untyped-def]
-            value = builder.load(place(channel, k))
-            value.align = 4
-            return value
-
-        def store(value, channel, k):  # type: ignore[no-untyped-def]
-            builder.store(value, place(channel, k)).align = 4
+        def row(place):  # type: ignore[no-untyped-def]
+            """Where the numbers of the splat at this place of the list begin."""
+            index = builder.zext(builder.load(builder.gep(arrays[2].data, [place])), LONG)
+            return builder.gep(arrays[1].data, [builder.mul(index, LONG(NUMBERS))])
 
         arrays = [context.make_array(t)(context, builder, a)
-                  for t, a in zip(signature.args[:2], arguments[:2], strict=True)]  # fmt: skip
+                  for t, a in zip(signature.args[:3], arguments[:3], strict=True)]  # fmt: skip
+        first, stop, last = arguments[3:6]
         pixels = builder.bitcast(arrays[0].data, VECTOR.as_pointer())
-        index, corner = arguments[2], [_everywhere(builder, number) for number in arguments[3:]]
-        start = builder.gep(arrays[1].data, [builder.mul(index, index.type(NUMBERS))])
+        left, top = (_everywhere(builder, number) for number in arguments[6:])
+        columns = add(left, _constant([float(lane % TILE_PX) for lane in range(LANES)]))
+        places = [builder.gep(pixels, [LONG(k)]) for k in range(4 * VECTORS)]
+        held = [builder.load(place, align=4) for place in places]
+        before, loop = builder.block, builder.append_basic_block("blend")
+        after = builder.append_basic_block("blended")
+        builder.branch(loop)
+        builder.position_at_end(loop)
+        i, sums = builder.phi(LONG), [builder.phi(VECTOR) for _ in held]
+        i.add_incoming(first, before)
+        for phi, value in zip(sums, held, strict=True):
+            phi.add_incoming(value, before)
+
+        ahead = builder.add(i, LONG(AHEAD))
+        ahead = builder.select(builder.icmp_unsigned("<", ahead, last), ahead, last)
+        _fetch(builder, row(ahead))
+        start, blended = row(i), list(sums)
         x, y, p, q, r, log2_opacity, *colors = (
             _everywhere(builder, builder.load(builder.gep(start, [LONG(k)]))) for k in range(9)
         )
-        columns = _constant([float(lane % TILE_PX) for lane in range(LANES)])
-        across = times(p, minus(add(corner[0], columns), x))
+        across = times(p, minus(columns, x))
         for k in range(VECTORS):
             rows = _constant([float(2 * k + lane // TILE_PX) for lane in range(LANES)])
-            down = minus(add(corner[1], rows), y)
+            down = minus(add(top, rows), y)
             u, v = add(across, times(q, down)), times(r, down)
             power = minus(minus(log2_opacity, times(u, u)), times(v, v))
             seen = builder.fcmp_ordered(">=", power, _everywhere(builder, -float(FAINTEST)))
@@ -102,14 +115,25 @@ def blend_splat(typing_context, tile, splats, row, left, top):  # type: ignore[n
                 alpha = add(times(alpha, power), _everywhere(builder, coefficient))
             alpha = builder.fmul(alpha, alpha)
             alpha = builder.fmul(alpha, alpha)
-            through = load(0, k)
+            through = sums[k]
             weight = builder.select(seen, builder.fmul(alpha, through), _everywhere(builder, 0.0))
-            store(builder.fsub(through, weight), 0, k)
+            blended[k] = builder.fsub(through, weight)
             for channel, color in enumerate(colors, 1):
-                store(add(times(weight, color), load(channel, k)), channel, k)
+                at = VECTORS * channel + k
+                blended[at] = add(times(weight, color), sums[at])
+
+        following = builder.add(i, LONG(1))
+        i.add_incoming(following, loop)
+        for phi, value in zip(sums, blended, strict=True):
+            phi.add_incoming(value, loop)
+        builder.cbranch(builder.icmp_unsigned("<", following, stop), loop, after)
+        builder.position_at_end(after)
+        for value, place in zip(blended, places, strict=True):
+            builder.store(value, place, align=4)
         return context.get_dummy_value()
 
-    return types.void(tile, splats, row, left, top), generate
+    kinds = types.uint64, types.uint64, types.uint64, types.float32, types.float32
+    return types.void(tile, splats, pairs, *kinds), generate
 
 
 @intrinsic
@@ -132,25 +156,15 @@ def lets_through(typing_context, tile, least):  # type: ignore[no-untyped-def]
     return types.boolean(tile, least), generate
 
 
-@intrinsic
-def fetch(typing_context, splats, row):  # type: ignore[no-untyped-def]
+def _fetch(builder: Any, start: Any) -> None:
     """Bring a splat into the nearest cache, without waiting for it."""
-    _checked("splats", splats, 2)
-
-    def generate(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
-        array = context.make_array(signature.args[0])(context, builder, arguments[0])
-        index, pointer = arguments[1], ir.IntType(8).as_pointer()
-        start = builder.gep(array.data, [builder.mul(index, index.type(NUMBERS))])
-        kind = ir.FunctionType(ir.VoidType(), [pointer, INT, INT, INT])
-        name = "llvm.prefetch.p0"
-        read, nearest, data = INT(0), INT(3), INT(1)
-        function = cgutils.get_or_insert_function(builder.module, kind, name)
-        for number in (0, NUMBERS - 4):  # most lie in two lines of the cache
-            place = builder.bitcast(builder.gep(start, [LONG(number)]), pointer)
-            builder.call(function, [place, read, nearest, data])
-        return context.get_dummy_value()
-
-    return types.void(splats, row), generate
+    pointer = ir.IntType(8).as_pointer()
+    kind = ir.FunctionType(ir.VoidType(), [pointer, INT, INT, INT])
+    function = cgutils.get_or_insert_function(builder.module, kind, "llvm.prefetch.p0")
+    read, nearest, data = INT(0), INT(3), INT(1)
+    for number in (0, NUMBERS - 4):  # most lie in two lines of the cache
+        place = builder.bitcast(builder.gep(start, [LONG(number)]), pointer)
+        builder.call(function, [place, read, nearest, data])
 
 
 @njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})
@@ -179,10 +193,8 @@ def blend_tiles(
             last = end - np.uintp(1)
             while i < end and not hidden:
                 stop = min(i + AT_ONCE, end)
-                while i < stop:
-                    fetch(splats, np.uintp(near_to_far[min(i + AHEAD, last)]))  # pyright: ignore[reportCallIssue]
-                    blend_splat(tile, splats, np.uintp(near_to_far[i]), left, top)  # pyright: ignore[reportCallIssue]
-                    i += np.uintp(1)
+                blend_splats(tile, splats, near_to_far, i, stop, last, left, top)  # pyright: ignore[reportCallIssue]
+                i = stop
                 hidden = not lets_through(tile, OPAQUE)  # pyright: ignore[reportCallIssue]
         for k in range(PIXELS):
             # Behind a hidden rest it looks like before it, not like the background.

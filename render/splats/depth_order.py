@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.splats import tile_kernels
-from render.splats.projection_kernels import BROKEN, HIDDEN
+from render.splats.projection_kernels import HIDDEN
 
 
 class DepthOrder:
@@ -12,7 +12,6 @@ class DepthOrder:
 
     def __init__(self) -> None:
         self._order = self._work = np.empty(0, np.uint32)
-        self.dropped = 0  # of the last depths: BROKEN, which no picture can show
 
     def of(
         self,
@@ -21,7 +20,6 @@ class DepthOrder:
         """Indices of the drawn ones; equal depths keep their order."""
         if len(depths) != len(self._order):
             self._order, self._work = (np.empty(len(depths), np.uint32) for _ in range(2))
-        self.dropped = int(np.count_nonzero(depths == BROKEN))
         bits = depths.view(np.uint32)
         count = tile_kernels.nearest_first(bits, HIDDEN.view(np.uint32), self._order, self._work)
         return self._order[:count]

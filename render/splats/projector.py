@@ -13,6 +13,7 @@ from render.types import FIELDS, U32, Camera, Floats, Gaussians, Shine
 from sensors.threads import Threads
 
 NOTHING = Shine(*(np.zeros(shape, np.float32) for shape in ((0, 4), 0, (4, 3))))
+Place = tuple[Floats, Floats, Floats, tuple[np.float32, np.float32], np.float32]
 AT_ONCE = 8192  # Gaussians; what a thread computes of them stays in its caches
 
 
@@ -24,11 +25,12 @@ class Projector:
         self._slices: list[tuple[int, int]] = []  # of the Gaussians, what may be seen of them
         self._reserve(0)
         self._order = DepthOrder()
+        self._place: tuple[Camera, Place] | None = None  # of the last run
 
     @property
     def dropped(self) -> int:
         """Gaussians of the last run that no picture can show."""
-        return self._order.dropped
+        return int(np.count_nonzero(self._depths == BROKEN))
 
     def run(self, gaussians: Gaussians, camera: Camera) -> U32:
         """Project; returns the indices [M] of the visible splats, nearest first."""
@@ -75,13 +77,12 @@ class Projector:
         )
         self._slices = projection.shown_slices(opacities, AT_ONCE)
         self._depths.fill(BROKEN)
-        view, lens = np.asarray(camera.viewmat, np.float32).reshape(-1), lens_of(camera)
-        across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
-        near, viewer = np.float32(camera.near_mm), camera.position.astype(np.float32)
+        if self._place is None or self._place[0] is not camera:  # mostly the same for long
+            self._place = camera, place_of(camera)
         shine = gaussians.shine or NOTHING
         weights = np.ascontiguousarray(shine.weights).reshape(-1)
         mirrors = weights, shine.roughness, SOFT, TOWARDS, shine.lamps, FILM
-        place = view, lens, viewer, (across, down), near
+        place = self._place[1]
         out = self._colors.reshape(-1), self._depths, self.boxes.reshape(-1), self._ellipses
 
         def project(part: int) -> None:
@@ -98,6 +99,13 @@ class Projector:
         self._depths = np.zeros(count, np.float32)  # mm, HIDDEN or BROKEN
         self._reaches = np.zeros(count, np.uint64)
         self._rows, self._further = np.zeros((2, count), np.uint32)
+
+
+def place_of(camera: Camera) -> Place:
+    """What projection.project wants of a camera."""
+    across, down = (np.float32(-(-px // TILE_PX)) for px in (camera.width, camera.height))
+    view, viewer = (a.astype(np.float32) for a in (camera.viewmat, camera.position))
+    return view.reshape(-1), lens_of(camera), viewer, (across, down), np.float32(camera.near_mm)
 
 
 def lens_of(camera: Camera) -> Floats:  # [8]

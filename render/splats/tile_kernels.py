@@ -153,3 +153,20 @@ def _put(splat: Word, tile: Word, stays: Word, places: U32, splats: U32) -> None
     place = np.uintp(places[tile])
     splats[place] = splat
     places[tile] = place + np.uintp(stays)
+
+
+@njit(cache=True, nogil=True)
+def blended_tiles(
+    starts: tuple[U32, ...],  # [tiles + 2] of each portion
+    covered: NDArray[np.bool_],  # [tiles] that showed splats in the last picture -> in this one
+) -> NDArray[np.int64]:
+    """Tiles of which a picture has to be made: what was covered has to be cleared."""
+    chosen, count = np.empty(len(covered), np.int64), 0
+    for tile in range(len(covered)):
+        has = False
+        for portion in range(len(starts)):
+            has |= starts[portion][tile + 1] - starts[portion][tile] > 1
+        chosen[count] = tile
+        count += has | covered[tile]
+        covered[tile] = has
+    return chosen[:count]

@@ -12,6 +12,7 @@ from render.gl.contexts import GLContext
 from render.splats.blend_kernels import NUMBERS, blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
+from render.splats.tile_kernels import blended_tiles
 from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
 from render.types import U32, Camera, Gaussians
 from sensors.threads import Threads
@@ -41,10 +42,9 @@ class TileRenderer:
             self._splats = np.zeros((len(gaussians), NUMBERS), np.float32)
         order, reaches = self._projector.run_for_tiles(gaussians, camera, self._splats)
         portions = self._deal(order, reaches, camera)
-        covered = np.sum([pairs.counts for pairs in portions], 0) > 0
-        self._clear(camera, len(covered))
-        tiles, self._covered = np.flatnonzero(covered | self._covered), covered
         starts, splats = zip(*portions, strict=True)
+        self._clear(camera, len(starts[0]) - 2)
+        tiles = blended_tiles(starts, self._covered)
         background = np.array(camera.background, np.float32)
         picture = self._picture.view(np.int32)[..., 0]
         parts = PARTS * self._threads.count

@@ -10,6 +10,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from fractions import Fraction
 from pathlib import Path
+from threading import Event
 from typing import Any, cast
 
 import numpy as np
@@ -79,10 +80,13 @@ class EyeVideoWriter:
 
 
 class EyeVideoReader:
-    """Pictures by number; while one is used, a thread decodes the next."""
+    """Pictures by number; while one is used, a thread decodes the next, `rest_s` seconds later or
+    when it is asked for."""
 
     def __init__(self, path: Path) -> None:
         self._path = files.check_regular(path)
+        self.rest_s = 0.0
+        self._asked_for = Event()  # the picture that is decoded ahead
         self._pictures: Iterator[NDArray[np.uint8] | None] | None = None
         self._worker: ThreadPoolExecutor | None = None
         self._ahead: Future[NDArray[np.uint8] | None] | None = None  # picture number `_next`
@@ -108,6 +112,7 @@ class EyeVideoReader:
             self._read_ahead()
         while self._next <= number:
             assert self._ahead is not None
+            self._asked_for.set()
             try:
                 self._current = self._ahead.result()
             except EOFError:
@@ -119,6 +124,7 @@ class EyeVideoReader:
     def close(self) -> None:
         """Release the file; the next `picture` opens it again."""
         if self._worker is not None:
+            self._asked_for.set()
             self._worker.shutdown()  # after the picture that it decodes
         if self._pictures is not None:
             self._pictures.close()  # type: ignore[attr-defined]  # a generator
@@ -127,10 +133,12 @@ class EyeVideoReader:
 
     def _read_ahead(self) -> None:
         assert self._worker is not None
-        self._ahead = self._worker.submit(self._following)
+        self._asked_for = Event()
+        self._ahead = self._worker.submit(self._following, self._asked_for)
 
-    def _following(self) -> NDArray[np.uint8] | None:
+    def _following(self, asked_for: Event) -> NDArray[np.uint8] | None:
         assert self._pictures is not None
+        asked_for.wait(self.rest_s)
         try:
             return next(self._pictures)
         except StopIteration:  # which no future can carry

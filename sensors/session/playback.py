@@ -48,6 +48,7 @@ class Playback:
 
     def open(self) -> None:
         self._played_ns = self._clock.now_ns()
+        self._recording.pace()
 
     def close(self) -> None:
         self._recording.close()

@@ -18,6 +18,7 @@ from sensors.session.streams import AudioStream, EyeStream
 from sensors.session.wav import FORMATS, WavWriter
 from sensors.types import (
     EYE_NAMES,
+    FPS,
     SAMPLES_PER_FRAME,
     AudioPacket,
     EmotionPacket,
@@ -26,6 +27,8 @@ from sensors.types import (
     Packet,
     SourceInfo,
 )
+
+PACED_REST_S = 0.75 / FPS  # between a picture that is due and the decoding of the next one
 
 
 class Recording:
@@ -76,6 +79,12 @@ class Recording:
             num_frames=self.num_frames,
             devices=devices,
         )
+
+    def pace(self) -> None:
+        """From now on its packets are asked for at the pace of the clock: pictures are decoded
+        shortly before they are due, as cameras bring theirs, and not beside a tick's work."""
+        for stream in self.eyes.values():
+            stream.pace(PACED_REST_S)
 
     def packet(self, entry: fmt.Entry) -> Packet | None:
         """Read one packet; None if it is a picture that the video no longer holds."""

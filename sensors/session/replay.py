@@ -47,6 +47,8 @@ class ReplaySource:
         """Start from the beginning; with `realtime`, now is the time of the first packet."""
         self._is_open = True
         self._next, self._dropped = 0, 0
+        if self._realtime:
+            self._recording.pace()
         self._start_ns = self._clock.now_ns()
 
     def poll(self) -> list[Packet]:

@@ -84,6 +84,10 @@ class EyeStream:
         self._video = EyeVideoReader(path)
         self.codec = self._video.codec
 
+    def pace(self, rest_s: float) -> None:
+        """See Recording.pace."""
+        self._video.rest_s = rest_s
+
     def packet(self, entry: EyeEntry) -> EyePacket | None:
         """None where the video has ended early or the picture is damaged."""
         image = self._video.picture(entry.picture)

@@ -46,82 +46,6 @@ def blend(
 
 
 @loop
-def measure_gaps(
-    vertices: Floats,  # [V, 3] mm
-    upper: Ints,  # [P] vertices that face ...
-    lower: Ints,  # [P] ... these
-    nearest: Ints,  # [C, K] pairs
-    out: Floats,  # -> [C] mm, the smallest of the pairs
-) -> None:
-    for c in range(len(nearest)):
-        smallest = np.float32(np.inf)
-        for pair in nearest[c]:
-            smallest = min(smallest, vertices[upper[pair], 1] - vertices[lower[pair], 1])
-        out[c] = smallest
-
-
-@loop
-def move_apart(
-    vertices: Floats,  # [V, 3] mm, changed in place
-    members: Ints,  # [M] vertices
-    shares: Floats,  # [M]
-    first: Ints,  # [M] the column before each member, and ...
-    between: Floats,  # [M] ... how far it is towards the next: 0..1
-    by: Floats,  # [C] mm
-) -> None:
-    for m in range(len(members)):
-        low, high = by[first[m]], by[first[m] + 1]
-        vertices[members[m], 1] += shares[m] * (low + between[m] * (high - low))
-
-
-@loop
-def unpress(
-    vertices: Floats,  # [V, 3] mm, changed in place
-    rest: Floats,  # [V, 3] mm, of the same person
-    members: Ints,  # [M] vertices of both lips
-    upper: Ints,  # [P] rows of these that face ...
-    lower: Ints,  # [P] ... these
-    least: np.float32,  # mm that may cross, more than at rest
-    passes: int,
-) -> None:
-    """Each vertex goes half of the way out of the deepest of its pairs."""
-    zero, half = np.float32(0), np.float32(0.5)
-    for _ in range(passes):
-        by, deepest = np.zeros(len(members), np.float32), zero
-        for pair in range(len(upper)):
-            i, j = np.uintp(upper[pair]), np.uintp(lower[pair])
-            u, v = np.uintp(members[i]), np.uintp(members[j])
-            allowed = min(rest[u, 1] - rest[v, 1], zero) - least
-            deep = half * (allowed - (vertices[u, 1] - vertices[v, 1]))
-            by[i], by[j] = max(by[i], deep), min(by[j], -deep)
-            deepest = max(deepest, deep)
-        if deepest <= zero:
-            return
-        for m in range(len(members)):
-            vertices[np.uintp(members[m]), 1] += by[m]
-
-
-@loop
-def push_out(
-    vertices: Floats,  # [V, 3] mm, changed in place
-    members: Ints,  # [M] vertices
-    reach: Floats,  # [M] mm from the centre below which they may not come
-    center: Floats,  # [3] mm
-) -> None:
-    for m in range(len(members)):
-        v = members[m]
-        x = vertices[v, 0] - center[0]
-        y = vertices[v, 1] - center[1]
-        z = vertices[v, 2] - center[2]
-        distance = np.sqrt(x * x + y * y + z * z)
-        if distance < reach[m]:
-            scale = reach[m] / distance
-            vertices[v, 0] = center[0] + x * scale
-            vertices[v, 1] = center[1] + y * scale
-            vertices[v, 2] = center[2] + z * scale
-
-
-@loop
 def turn_eye(
     rest: Floats,  # [V, 3] mm
     members: Ints,  # [M] vertices of the eyeball
@@ -151,6 +75,35 @@ def height_at(
         height += near * near * vertices[v, 1]
         total += near * near
     return height / total
+
+
+@loop
+def place_highlight(
+    vertices: Floats,  # [V, 3] mm
+    upper: Ints,  # vertices along the edge of the upper lid, and ...
+    lower: Ints,  # ... of the lower one
+    pupil: Floats,  # [3] unit, the way it points
+    half: Floats,  # [3] unit, between lamp and viewer
+    center: Floats,  # [3] mm, of the eye
+    size: np.float32,  # of this eye
+    cornea_mm: np.float32,  # from that centre to the cornea's, on an eye of size 1
+    radius_mm: np.float32,  # of such a cornea
+    most: np.float32,  # of that radius, how far off the middle of an iris it may be
+    mean: Floats,  # -> [3] mm
+) -> np.float32:  # mm: how far inside the opening of the lids; below zero: covered
+    one, along = np.float32(1), np.float32(0)
+    for k in range(3):
+        along += pupil[k] * half[k]
+    off2 = np.float32(0)
+    for k in range(3):
+        off2 += (half[k] - along * pupil[k]) ** 2
+    inside = min(one, most / max(np.sqrt(off2), np.float32(1e-6)))
+    out = np.sqrt(max(one - off2 * inside * inside, np.float32(0)))
+    for k in range(3):
+        off = (half[k] - along * pupil[k]) * inside
+        mean[k] = center[k] + size * ((cornea_mm + radius_mm * out) * pupil[k] + radius_mm * off)
+    top, bottom = height_at(vertices, upper, mean[0]), height_at(vertices, lower, mean[0])
+    return min(top - mean[1], mean[1] - bottom)
 
 
 @loop

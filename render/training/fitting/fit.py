@@ -144,11 +144,12 @@ class Studio:
             shine=np.empty((count, 4), np.float32),
         )
         of_used = np.ascontiguousarray(seen[head.used].T)
-        still, black = head.at_rest(vertices), np.zeros((count, 3), np.float32)
-        head.place(vertices, of_used, still, black, self.gloss, placed, lights)
+        posed = head.posed(vertices, head.at_rest(vertices))
+        carried, black = head.light(vertices, of_used, posed, lights), np.zeros_like(placed.means)
+        for make in head.gaussians(carried, posed, black, self.gloss, placed):
+            make()
         rims = head.interpolate @ of_used[2:].T
         placed.shine[:, 2:] = lighting.SHEEN * self.gloss[:, None] * rims
-        carried, _ = head.vertex_attributes(vertices, of_used, still, lights)
         light = head.interpolate @ carried[:, surface.LIGHT]
         lobes = Shine(placed.shine, self.roughness, lights.colors)
         cloud = Gaussians(*placed[:3], self._shown, placed.colors, lobes)

@@ -88,6 +88,16 @@ def test_a_seed_makes_a_face_and_a_state_is_a_value(frames: list[SensorFrame]) -
     assert same(*twice)
 
 
+def test_how_it_moves_may_be_asked_for_before_the_face_is_known(frames: list[SensorFrame]) -> None:
+    alive = Alive(SHAPES)
+    state = other = alive.init_state()
+    for frame in frames[:60]:
+        moved = alive.move(frame, None, 0, other)
+        one, state = alive.step(frame, FACE, AHEAD, False, 0, state)
+        two, other = alive.step(frame, FACE, AHEAD, False, 0, other, moved)
+        assert same(one, two)
+
+
 def test_motion_lies_in_the_published_ranges(frames: list[SensorFrame]) -> None:
     shown = run(frames)
     turned = angles(shown)

@@ -120,7 +120,7 @@ def test_timer_sees_the_eyes() -> None:
     frame = driver_material.sensor_frame(0, driver_material.sound(1)[0])
     frame: SensorFrame = replace(frame, eyes=pictures(1)[0], eyes_valid=np.ones(2, bool))
     d.step(frame, d.init_state(0), timer)
-    assert timer.names == ["audio", "eyes", "gaze", "denoise"]
+    assert timer.names == ["eyes", "audio", "gaze", "denoise"]
 
 
 @pytest.mark.parametrize("backend", ["torch", "onnx-int8"])
@@ -140,7 +140,7 @@ def test_looking_while_listening_changes_nothing(
 def test_an_error_of_the_eyes_ends_the_step(monkeypatch: pytest.MonkeyPatch) -> None:
     d = driver()
     monkeypatch.setattr(d._threads, "count", 2)
-    monkeypatch.setattr(d.eyes, "step", lambda *_: 1 / 0)
+    monkeypatch.setattr(d.eyes, "read", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         drive(d, pictures(1), np.ones((1, 2), bool))
     d.close()

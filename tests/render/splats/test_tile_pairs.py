@@ -3,6 +3,7 @@
 import numpy as np
 
 from render.splats.reach_kernels import FURTHER, WHOLE
+from render.splats.tile_kernels import blended_tiles
 from render.splats.tile_pairs import Reaches, bin_splats
 
 
@@ -78,3 +79,13 @@ def test_no_splats_give_empty_lists():
         [],
         [],
     ]
+
+
+def test_tiles_are_blended_where_splats_are_and_where_some_were():
+    near = bin_splats(boxes_of([(0, 0, 1, 1)]), first_to_last(1), (3, 2))
+    far = bin_splats(boxes_of([(1, 1, 3, 2)]), first_to_last(1), (3, 2))
+    covered = np.zeros(6, np.bool_)
+    assert list(blended_tiles((near.starts, far.starts), covered)) == [0, 4, 5]
+    assert list(np.flatnonzero(covered)) == [0, 4, 5]
+    assert list(blended_tiles((near.starts,), covered)) == [0, 4, 5]
+    assert list(blended_tiles((near.starts,), covered)) == [0]

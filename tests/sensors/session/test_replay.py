@@ -1,5 +1,6 @@
 """ReplaySource: the Source contract, fast == real time, bit for bit twice, bounded memory."""
 
+import time
 import tracemalloc
 from pathlib import Path
 
@@ -11,6 +12,7 @@ from source_contract import check_source, drain
 
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
+from sensors.session import recording
 from sensors.session.files import create
 from sensors.session.format import end_ns
 from sensors.session.recording import Recording, RecordingWriter
@@ -54,6 +56,29 @@ def test_source_contract(folder: Path) -> None:
     )
     assert all(same_packet(a, b) for a, b in zip(fast, slow, strict=True))
     assert all(same_packet(a, b) for a, b in zip(fast, packets(0.7), strict=True))
+
+
+def test_at_the_pace_of_the_clock_pictures_are_decoded_when_they_are_nearly_due(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And at once where they are asked for before."""
+    monkeypatch.setattr(recording, "PACED_REST_S", 60.0)
+    for paced in (False, True):
+        opened = Recording(folder)
+        if paced:
+            opened.pace()
+        left, *others = opened.eyes[0].entries
+        start = time.monotonic()
+        assert opened.packet(left) and all(opened.packet(one) for one in others[:2])
+        ahead = opened.eyes[0]._video._ahead
+        assert ahead is not None
+        if paced:
+            time.sleep(0.05)
+            assert not ahead.done()
+        else:
+            ahead.result(10)
+        opened.close()
+        assert time.monotonic() - start < 30
 
 
 @pytest.mark.slow
