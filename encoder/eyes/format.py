@@ -52,12 +52,12 @@ def pixels(
 ) -> NDArray[np.uint8]:  # [2, 100, 100]
     """Small left-like pictures: means of 4 x 4 pixels, the right eye mirrored."""
     shrink = eyes.shape[1] // SIDE
-    if shrink != 4:
+    if shrink == 4:
+        small = np.empty((2, SIDE, SIDE), np.uint8)
+        _quarters(np.ascontiguousarray(eyes), small)
+    else:
         small = _shrunk(eyes, shrink)
-        small[1] = small[1, :, ::-1].copy()
-        return small
-    small = np.empty((2, SIDE, SIDE), np.uint8)
-    _quarters(np.ascontiguousarray(eyes), small)
+    small[1] = small[1, :, ::-1].copy()
     return small
 
 
@@ -74,18 +74,17 @@ def _shrunk(eyes: NDArray[np.uint8], shrink: int) -> NDArray[np.uint8]:
 
 @njit("void(u1[:, :, ::1], u1[:, :, ::1])", cache=True, nogil=True)
 def _quarters(eyes: NDArray[np.uint8], small: NDArray[np.uint8]) -> None:
-    """The same of 4 x 4 pixels, mirrored, in a twentieth of the time; compiled with the module:
-    the first picture must not wait for it."""
+    """The same of 4 x 4 pixels in a twentieth of the time; compiled with the module: the first
+    picture must not wait for it."""
     tall = np.empty(4 * SIDE, np.uint16)
     for eye in range(2):
         for y in range(SIDE):
             a, b, c, d = eyes[eye, 4 * y : 4 * y + 4]
             for x in range(len(tall)):
                 tall[x] = np.uint16(a[x]) + np.uint16(b[x]) + np.uint16(c[x]) + np.uint16(d[x])
-            out = small[eye, y] if eye == 0 else small[eye, y, ::-1]
             for x in range(SIDE):
                 four = tall[4 * x] + tall[4 * x + 1] + tall[4 * x + 2] + tall[4 * x + 3]
-                out[x] = (four + np.uint16(8)) >> np.uint16(4)
+                small[eye, y, x] = (four + np.uint16(8)) >> np.uint16(4)
 
 
 def normalised(

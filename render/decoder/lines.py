@@ -59,10 +59,8 @@ class Line:
 
     def clearance(self, vertices: Floats, point: Floats) -> float:  # [V, 3], [3] -> mm
         """How far inside the opening a point is as seen from the front; below zero: covered."""
-        x, y = np.float32(point[0]), float(point[1])
-        top = posing_kernels.height_at(vertices, self.upper, x)
-        bottom = posing_kernels.height_at(vertices, self.lower, x)
-        return min(float(top) - y, y - float(bottom))
+        x, y = np.float32(point[0]), np.float32(point[1])
+        return float(posing_kernels.clearance(vertices, self.upper, self.lower, x, y))
 
     def opening(self, vertices: Floats, points: Floats) -> Floats:  # [V, 3], [P, 3] -> [S, 3] mm
         """Heights of the upper and the lower edge at places across the points: x, both heights."""

@@ -78,6 +78,17 @@ def height_at(
 
 
 @loop
+def clearance(
+    vertices: Floats,  # [V, 3] mm
+    upper: Ints,  # vertices along the edge of an opening, and ...
+    lower: Ints,  # ... along the other one
+    x: np.float32,  # mm
+    y: np.float32,  # mm
+) -> np.float32:  # mm: how far inside the opening, seen from the front; below zero: covered
+    return min(height_at(vertices, upper, x) - y, y - height_at(vertices, lower, x))
+
+
+@loop
 def place_highlight(
     vertices: Floats,  # [V, 3] mm
     upper: Ints,  # vertices along the edge of the upper lid, and ...
@@ -90,7 +101,7 @@ def place_highlight(
     radius_mm: np.float32,  # of such a cornea
     most: np.float32,  # of that radius, how far off the middle of an iris it may be
     mean: Floats,  # -> [3] mm
-) -> np.float32:  # mm: how far inside the opening of the lids; below zero: covered
+) -> np.float32:  # mm: its `clearance`
     one, along = np.float32(1), np.float32(0)
     for k in range(3):
         along += pupil[k] * half[k]
@@ -102,8 +113,7 @@ def place_highlight(
     for k in range(3):
         off = (half[k] - along * pupil[k]) * inside
         mean[k] = center[k] + size * ((cornea_mm + radius_mm * out) * pupil[k] + radius_mm * off)
-    top, bottom = height_at(vertices, upper, mean[0]), height_at(vertices, lower, mean[0])
-    return min(top - mean[1], mean[1] - bottom)
+    return clearance(vertices, upper, lower, mean[0], mean[1])
 
 
 @loop

@@ -24,7 +24,7 @@ def place_gaussian(  # type: ignore[no-untyped-def]
     typing_context, table, a, b, c, p, q, r, deep, behind, albedo, share,
     means, quats, colors, shine, n,
 ):  # fmt: skip
-    """Mix three rows [n, 16] (uintp) of what vertices hand on, see `surface.vertex_attributes`, by
+    """Mix three rows [n, 16] (uintp) of what vertices hand on, see `light.vertex_attributes`, by
     their shares (float32), and make Gaussian n of them: its place so `deep` under the skin, its
     turn, light on its albedo, `share` of the light that it mirrors."""
     for array in (table, albedo, means, quats, colors, shine):
