@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from encoder.types import Condition
+from sensors.types import InputError
 
-# The contact head (contact.py): lip gaps at which its response may change slope, and
-# the largest change of the gap that it makes.
+# The contact head (contact.py): lip gaps at which its response may change slope
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
-REACH_MM = 6.0
+MAX_REACH_MM = 20.0
 HEAD = "contact."  # prefix of its tensors' names
 # The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.
 MOUTH = 29
@@ -41,6 +41,15 @@ class DenoiserConfig:
     direct_dim: int = 0
     direct: int = 0  # hidden units of the direct path
     contact: int = 0  # hidden units of the student's contact head; 0: none
+    reach_mm: float = 6.0  # the largest change of the lips' gap that the head makes
+
+    def __post_init__(self) -> None:
+        reach: object = self.reach_mm  # of a card: anything
+        if type(reach) not in (int, float) or not 0 < self.reach_mm <= MAX_REACH_MM:
+            raise InputError(
+                f"DenoiserConfig: expected a reach_mm above 0 and up to {MAX_REACH_MM:g}, got "
+                f"{reach!r}; restore the student's card or train the head anew"
+            )
 
     @property
     def input_dims(self) -> tuple[int, int, int]:

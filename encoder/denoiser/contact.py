@@ -9,7 +9,7 @@ remembers nothing, so that it is causal as it stands; untrained it changes nothi
 import torch
 from torch import Tensor, nn
 
-from encoder.denoiser.config import KNOTS_MM, REACH_MM
+from encoder.denoiser.config import KNOTS_MM
 
 
 class Contact(nn.Module):
@@ -20,8 +20,9 @@ class Contact(nn.Module):
     shut: Tensor
     knots: Tensor
 
-    def __init__(self, expression_dim: int, audio_dim: int, hidden: int) -> None:
+    def __init__(self, expression_dim: int, audio_dim: int, hidden: int, reach_mm: float) -> None:
         super().__init__()
+        self.reach_mm = reach_mm
         self.register_buffer("gap", torch.zeros(expression_dim))  # mm that a unit of x0 opens
         self.register_buffer("rest", torch.zeros(()))  # mm at x0 = 0, against lips at rest
         self.register_buffer("shut", torch.zeros(expression_dim))  # of x0, for one mm
@@ -35,7 +36,7 @@ class Contact(nn.Module):
         """How much wider the head makes the gap."""
         gap = (x0 @ self.gap + self.rest)[..., None]
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
-        return REACH_MM * self.move(self.listen(seen).relu()).tanh()
+        return self.reach_mm * self.move(self.listen(seen).relu()).tanh()
 
     def forward(self, x0: Tensor, audio: Tensor, voice: Tensor | float = 1.0) -> Tensor:
         """voice [B, T, 1]: how sure it is that one is heard; without, lips stay where they are."""

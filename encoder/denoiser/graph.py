@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from encoder.denoiser.config import KNOTS_MM, REACH_MM
+from encoder.denoiser.config import KNOTS_MM
 from encoder.nn.onnx_graph import Array, Bits, Graph
 from encoder.types import Weights
 
@@ -83,7 +83,7 @@ def _direct(g: Graph, x0: str, heard: str, weights: Weights) -> tuple[str, str]:
     return g.op("Add", x0, g.op("MatMul", change, g.const(weights["direct.write"]))), voice
 
 
-def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str:
+def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights, reach_mm: float) -> str:
     """contact.py: x0 [1, 256], audio [1, A], voice [1, 1] -> x0 [1, 256]."""
     row, rest = weights["contact.gap"][:, None], weights["contact.rest"].reshape(1)
     gap = g.linear(x0, row, rest, exact=True)
@@ -96,7 +96,7 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights) -> str
 
     moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
     moved = g.op("Mul", moved, voice)
-    return g.op("Add", x0, g.op("Mul", moved, g.const(REACH_MM * weights["contact.shut"][None])))
+    return g.op("Add", x0, g.op("Mul", moved, g.const(reach_mm * weights["contact.shut"][None])))
 
 
 def denoiser_model(
@@ -147,7 +147,9 @@ def denoiser_model(
     if config.direct_dim:
         x0, voice = _direct(g, x0, "heard", weights)
     x0 = with_emotion(x0, config.layers + 1)
-    g.rename(_contact(g, x0, "heard", voice, weights) if config.contact else x0, "x0")
+    if config.contact:
+        x0 = _contact(g, x0, "heard", voice, weights, config.reach_mm)
+    g.rename(x0, "x0")
     g.rename(g.op("Concat", *row, axis=0), "row")
     heads, head_dim = config.heads, dim // config.heads
     cache, rope = [heads, config.window, head_dim], [3 * heads, 1, head_dim]

@@ -96,7 +96,9 @@ class Denoiser(nn.Module):
             self.direct = Direct(config.direct_dim, config.expression_dim, config.direct)
         self.contact: Contact | None = None
         if config.contact:
-            self.contact = Contact(config.expression_dim, config.contact_dim, config.contact)
+            self.contact = Contact(
+                config.expression_dim, config.contact_dim, config.contact, config.reach_mm
+            )
 
     def standardise(self, x: Tensor) -> Tensor:
         return (x - self.expression_mean) / self.expression_std

@@ -81,6 +81,7 @@ def listening(old: OldChain, direct: Direct, contact: Contact) -> tuple[Denoiser
         direct_dim=heard,
         direct=hidden,
         contact=contact.listen.out_features,
+        reach_mm=contact.reach_mm,
     )
     return sizes, result
 

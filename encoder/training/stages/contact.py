@@ -59,7 +59,8 @@ def new_head(
 ) -> Contact:
     """An untrained head, which changes nothing; its buffers map the student's codes to mm."""
     config = student.config
-    head = Contact(config.expression_dim, heard or config.contact_dim, hidden)
+    heard = heard or config.contact_dim
+    head = Contact(config.expression_dim, heard, hidden, config.reach_mm)
 
     def opening(codes: Tensor) -> Tensor:
         return face.gaps(codes)[..., 1].mean(-1)
@@ -142,14 +143,14 @@ def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
     checkpoint.save(
         config.output, checkpoint.quantised(tensors), {**card, "config": sizes, "contact": trained}
     )
-    follow(config.output, card["sha256"], config.hidden)
+    follow(config.output, card["sha256"])
     return metrics
 
 
-def follow(student: Path, before: str, hidden: int) -> None:
+def follow(student: Path, before: str) -> None:
     """Update the cards of weights that extend the student: they stay valid, only the head is
     new."""
-    now = json.loads(student.with_suffix(".json").read_text())["sha256"]
+    now = json.loads(student.with_suffix(".json").read_text())
     for name in ("student_eyes", "emotion"):
         path = student.with_name(name)
         if not path.with_suffix(".json").is_file():
@@ -158,7 +159,7 @@ def follow(student: Path, before: str, hidden: int) -> None:
         sees = name == "student_eyes"
         named, key = (card.get("audio_model", {}), "sha256") if sees else (card, "student_sha256")
         if named.get(key) == before:
-            named[key] = now
+            named[key] = now["sha256"]
             if sees:
-                card["config"]["contact"] = hidden
+                card["config"] |= {k: now["config"][k] for k in ("contact", "reach_mm")}
             checkpoint.write_card(path, card)

@@ -1,8 +1,10 @@
 """The contact head: what it measures, what it may move, that learning shuts lips, who follows."""
 
 import json
+import math
 from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
 from encoder.backends import create_backend
 from encoder.capture.motion.channels import JAW_OPEN, MOUTH_CLOSE
-from encoder.denoiser.config import PRESETS, REACH_MM
+from encoder.denoiser.config import PRESETS, DenoiserConfig
 from encoder.denoiser.contact import Contact
 from encoder.denoiser.model import Denoiser, headless
 from encoder.nn import checkpoint
@@ -21,6 +23,7 @@ from encoder.training import loop
 from encoder.training.checkpoints import load_denoiser
 from encoder.training.geometry import TrainingFace
 from encoder.training.stages import contact
+from sensors.types import InputError
 
 TO_CODE = np.linalg.qr(np.random.default_rng(0).normal(size=(256, 53)))[0].T.astype(np.float32)
 OPENS_MM = np.zeros(53, np.float32)
@@ -39,9 +42,9 @@ FACE = TrainingFace(
 )  # fmt: skip
 
 
-def student() -> Denoiser:
+def student(**more: Any) -> Denoiser:
     torch.manual_seed(1)
-    model = Denoiser(PRESETS["debug"])
+    model = Denoiser(replace(PRESETS["debug"], **more))
     model.expression_mean.normal_(std=0.05)
     model.expression_std.uniform_(0.1, 0.3)
     return model
@@ -72,11 +75,12 @@ def lively(head: Contact, size: float = 1.0) -> Contact:
     return head
 
 
-def test_it_moves_the_lips_no_farther_than_it_may() -> None:
-    head = lively(contact.new_head(student(), FACE, 8), 1e4)
+@pytest.mark.parametrize("reach", [6.0, 2.5])
+def test_it_moves_the_lips_no_farther_than_it_may(reach: float) -> None:
+    head = lively(contact.new_head(student(reach_mm=reach), FACE, 8), 1e4)
     moved = head.moved_mm(torch.randn(3, 9, 256), torch.randn(3, 9, 512))
-    assert moved.abs().max() <= REACH_MM
-    assert moved.abs().max() > REACH_MM - 0.01
+    assert moved.abs().max() <= reach
+    assert moved.abs().max() > reach - 0.01
 
 
 def test_a_scale_folded_in_is_the_scale_applied() -> None:
@@ -88,9 +92,9 @@ def test_a_scale_folded_in_is_the_scale_applied() -> None:
     torch.testing.assert_close(head(x0, audio), expected, atol=1e-4, rtol=1e-4)
 
 
-@pytest.mark.parametrize("emotion", [False, True])
-def test_the_live_graph_has_the_head(emotion: bool) -> None:
-    plain = student()
+@pytest.mark.parametrize(("emotion", "reach"), [(False, 6.0), (True, 6.0), (False, 2.5)])
+def test_the_live_graph_has_the_head(emotion: bool, reach: float) -> None:
+    plain = student(reach_mm=reach)
     model = Denoiser(replace(plain.config, contact=8))
     head = lively(contact.new_head(plain, FACE, 8), 3)
     model.load_state_dict(
@@ -106,6 +110,21 @@ def test_the_live_graph_has_the_head(emotion: bool) -> None:
             found[name, kind], _ = backend.denoise(*frame, backend.init_state(), felt)
         np.testing.assert_allclose(found[name, "onnx"], found[name, "torch"], atol=2e-4)
     assert np.abs(found["head", "onnx"] - found["plain", "onnx"]).max() > 1e-2
+
+
+def test_a_card_says_how_far_a_head_reaches() -> None:
+    """A card without it is from before it was in cards."""
+    about = asdict(student(reach_mm=2.5, contact=8).config)
+    assert checkpoint.config_from(DenoiserConfig, about).reach_mm == 2.5
+    del about["reach_mm"]
+    assert checkpoint.config_from(DenoiserConfig, about).reach_mm == 6.0
+
+
+@pytest.mark.parametrize("reach", [0, -6.0, math.nan, 20.5, math.inf, "6", None, True])
+def test_a_reach_that_no_lips_have_is_refused(reach: object) -> None:
+    about = {**asdict(PRESETS["debug"]), "reach_mm": reach}
+    with pytest.raises(InputError, match="reach_mm above 0 and up to 20, got .*; restore"):
+        checkpoint.config_from(DenoiserConfig, about)
 
 
 @pytest.fixture
@@ -201,9 +220,14 @@ def test_what_extends_the_student_follows_it(folder: Path) -> None:
     }
     for name, card in cards.items():
         (folder / f"{name}.json").write_text(json.dumps(card))
+    base = folder / "student.json"
+    card = json.loads(base.read_text())
+    card["config"]["reach_mm"] = 2.5
+    base.write_text(json.dumps(card))
     contact.run(config(folder, steps=2), FACE)
     now = checkpoint.load(folder / "student", "student")[1]["sha256"]
     eyes, emotion = (json.loads((folder / f"{name}.json").read_text()) for name in cards)
     assert now != sha
-    assert (eyes["audio_model"]["sha256"], eyes["config"]["contact"]) == (now, 32)
+    assert eyes["audio_model"]["sha256"] == now
+    assert eyes["config"] == {"contact": 32, "reach_mm": 2.5}
     assert emotion == cards["emotion"]

@@ -13,6 +13,7 @@ from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
 from encoder.capture.speech.phones import PHONE_INDEX
 from encoder.denoiser.config import MOUTH, PRESETS, ZeroConvConfig
+from encoder.denoiser.contact import Contact
 from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
 from encoder.denoiser.zero_conv import ZeroConvs
@@ -205,6 +206,15 @@ def test_lip_lines_hear_every_voice_and_no_noise() -> None:
     rows = fitted(frames, ("ben",))
     assert {str(v) for v in frames.voice[rows]} == {"anna", "carl", RULES}
     assert MOST <= (frames.voice[rows] == "carl").sum() < 1.5 * MOST
+
+
+def test_a_new_head_takes_its_reach_along() -> None:
+    sizes = PRESETS["debug"]
+    old = chain.OldChain(
+        Path(), sizes, {"null_audio": np.zeros(512)}, {}, AudioEncoder(AUDIO["debug"])
+    )
+    found, _ = chain.listening(old, Direct(7, 256, 5), Contact(256, 7, 8, 2.5))
+    assert (found.contact, found.reach_mm) == (8, 2.5)
 
 
 @torch.no_grad()
