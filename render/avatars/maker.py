@@ -150,9 +150,8 @@ class Maker:
     def face(self) -> NDArray[np.bool_]:
         """[N] Gaussians on the skin of the face, but for lids: at rest these lie in a fold."""
         bare = np.setdiff1d(self.regions["narrow_face"], self.regions["eyelids"])
-        on_face = np.isin(self.surface.used, bare).astype(np.float32)
         on_skin = self._t["anchor_kinds"] == mesh_parts.SKIN
-        return (self.surface.interpolate @ on_face > 0.99) & on_skin
+        return (self.surface.share_on(bare) > 0.99) & on_skin
 
     def thinner(self, albedo: Floats, skin: Floats) -> dict[Density, Floats]:  # [n] each
         """How bright the Gaussians of thinner heads are: they have colours of their own, which

@@ -56,13 +56,11 @@ def cover(
     shut_stretch = stretch(areas[head.triangle], head.rest_areas)
     points = head.interpolate @ shut[head.used]
     front = inner(head, kinds, front, mean_face)
-    on_lids, on_lips, on_face = (
-        head.interpolate @ np.isin(head.used, v).astype(np.float32) for v in (lids, lips, front)
-    )
-    on_lids, on_lips, on_face = on_lids > 0, on_lips > 0, on_face > WHOLLY
+    on_lids, on_lips = head.share_on(lids) > 0, head.share_on(lips) > 0
+    on_face = head.share_on(front) > WHOLLY
     widths, opacities = head.scales.copy(), opacities.copy()
     beside = folded(head, lids, front, mean_face)
-    by_lids = head.interpolate @ np.isin(head.used, beside).astype(np.float32) > 0
+    by_lids = head.share_on(beside) > 0
     bare = ~layered & on_face
     by_bare = KDTree(points[bare]).query(points, distance_upper_bound=WING_MM)[0] < WING_MM
     neck = (points[:, 1] > NECK_MM[0]) & (points[:, 1] < NECK_MM[1])
@@ -128,9 +126,7 @@ def molars(
 ) -> Floats:  # [N] factor of the opacities
     """0 for teeth so far back that no picture of the fit showed them from inside: there they would
     be slivers, and the dark of the mouth is nearer to the truth."""
-    on_teeth = np.zeros(len(head.used), np.float32)
-    on_teeth[teeth] = 1
-    rows = np.flatnonzero(head.interpolate @ on_teeth > 0.5)
+    rows = np.flatnonzero(head.share_on(head.used[teeth]) > 0.5)
     points = (head.interpolate @ mean_face[head.used])[rows]
     forward = points[:, 2] - mean_face[head.used[teeth], 2].min()
     shown = np.ones(len(head.scales), np.float32)
@@ -143,8 +139,8 @@ def molars(
 def lining(
     head: Surface,
     inside: NDArray[np.bool_],  # [N] Gaussians of the mouth
-    flesh: NDArray[np.bool_],  # [U] teeth, gums and tongue
-    front: NDArray[np.bool_],  # [U] skin of the face but for the lips
+    flesh: NDArray[np.integer],  # vertices of teeth, gums and tongue
+    front: NDArray[np.integer],  # vertices of the face but for lids and the ends of lips
     posing: Posing,
     mean_face: Floats,  # [V, 3] mm at rest
 ) -> Floats:  # [N] factor of the opacities
@@ -157,8 +153,8 @@ def lining(
     opened[posing.jaw[0]] = 1
     low, high = LINING_MM
     rest, near = posing.rest(mean_face, sealed=True), np.full(len(head.scales), np.inf, np.float32)
-    lines = inside & (head.interpolate @ flesh.astype(np.float32) < 0.01)
-    skin = head.interpolate @ front.astype(np.float32) > WHOLLY
+    lines = inside & (head.share_on(flesh) < 0.01)
+    skin = head.share_on(front) > WHOLLY
     for rig in (shut, opened):
         points = head.interpolate @ posing.pose(rig, AHEAD, rest)[head.used]
         found = KDTree(points[skin]).query(points[lines], distance_upper_bound=high)

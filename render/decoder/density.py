@@ -143,7 +143,7 @@ def groups(
     low, high = np.array(EARS_MM)
     points[:, 0] = np.abs(points[:, 0])
     scalp = (points[:, 1] > SCALP_MM) & ~((points > low) & (points < high)).all(1)
-    on_face = head.interpolate @ np.isin(head.used, face).astype(np.float32) > 0
+    on_face = head.share_on(face) > 0
     return skin & on_face & ~deep, skin & ~on_face & ~scalp
 
 

@@ -42,14 +42,11 @@ def build(
 ) -> list[EyeParts]:
     normals, out = head.interpolate @ head.whole.normals(mesh)[0], list[EyeParts]()
     points = head.interpolate @ mesh[head.used]
-
-    def on(vertices: NDArray[np.integer]) -> NDArray[np.bool_]:
-        return head.interpolate @ np.isin(head.used, vertices).astype(np.float32) > WHOLLY
-
     for ball, slides in zip(posing.eyeballs, posing.lids, strict=True):
         arm = points - sphere_centre(mesh[ball])
         inside = np.einsum("nk,nk->n", arm, normals) < LINING * np.linalg.norm(arm, axis=1)
-        lid, of_ball = on(np.intersect1d(eyelids, slides)), np.flatnonzero(on(ball))
+        lid = head.share_on(np.intersect1d(eyelids, slides)) > WHOLLY
+        of_ball = np.flatnonzero(head.share_on(ball) > WHOLLY)
         lining = np.flatnonzero(lid & inside)
         seen = np.flatnonzero(lid & ~inside & (arm[:, 1] > 0))[::SOME_LIDS]
         out.append(EyeParts(of_ball, np.concatenate([of_ball, lining]), seen))

@@ -80,10 +80,9 @@ def _parts(t: Tensors, card: dict[str, Any], gaussians: Density | None) -> dict[
     )
     lips_mm = float(template(t)[pose.mouth.upper, 1].mean())
     opacities = opacities * molars(head, t["teeth_rows"], lips_mm, template(t))
-    flesh = np.isin(head.used, np.concatenate([regions["gums"], pose.tongue]))
-    flesh[t["teeth_rows"]] = True
+    flesh = np.concatenate([regions["gums"], pose.tongue, head.used[t["teeth_rows"]]])
     middle = lips[np.abs(template(t)[lips, 0]) < LIPS_MM]
-    front = np.isin(head.used, np.union1d(np.setdiff1d(face, edges), middle))
+    front = np.union1d(np.setdiff1d(face, edges), middle)
     inside = t["anchor_inside"][rows] > 0
     opacities = opacities * lining(head, inside, flesh, front, pose, template(t))
     head = replace(head, scales=widths)

@@ -146,6 +146,10 @@ class Surface:
             depths=self.depths[rows],
         )
 
+    def share_on(self, vertices: NDArray[np.integer]) -> Floats:  # [N] 0..1
+        """How much of each anchor lies on these vertices."""
+        return self.interpolate @ np.isin(self.used, vertices).astype(np.float32)
+
     @cached_property
     def anchors(self) -> tuple[Shorts, Floats, Shorts, Floats]:
         """Rows of `used` around the anchors [N, 3] and their shares [N, 3]; the triangles of

@@ -180,8 +180,8 @@ def evened(maker: Maker, who: identity.Identity, scalp: Floats) -> Floats:  # [N
 def calmed(assembly: Assembly, maker: Maker, who: identity.Identity) -> Floats:  # [N, 3]
     """The albedo without blots in the corners of the eyes and under the nose; edges of the lids."""
     posing, head, mesh = maker.posing, maker.surface, who.geometry
-    on_eye = np.isin(head.used, np.concatenate(posing.eyeballs)).astype(np.float32)
-    skin, points = head.interpolate @ on_eye < 0.01, head.interpolate @ mesh[head.used]
+    skin = head.share_on(np.concatenate(posing.eyeballs)) < 0.01
+    points = head.interpolate @ mesh[head.used]
     sides = [(mesh[line.upper], mesh[line.lower]) for line in posing.lid_lines]
     edges = [*map(np.concatenate, sides), mesh[assembly.face.landmarks[UNDER_NOSE]]]
     return lids.rimmed(lids.calmed(who.albedo, points, skin, edges), points, skin, sides)

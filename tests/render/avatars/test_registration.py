@@ -90,9 +90,7 @@ def test_its_colours_become_the_atlas(maker: Maker, fit: registration.Fit) -> No
     skin = scan_texture.paint(maker, fit.geometry, fit.scan)
     assert skin.shape == (1024, 2048, 3)
     albedo = maker.albedo(skin, "brown")
-    at = maker.surface.interpolate @ np.isin(
-        maker.surface.used, np.r_[maker.regions["lips"]]
-    ).astype(np.float32)
+    at = maker.surface.share_on(maker.regions["lips"])
     on_skin = maker.anchor_kinds == mesh_parts.SKIN
     green = albedo[:, 1]
     assert np.median(green[on_skin & (at > 0.9)]) < 0.5 < np.median(green[on_skin & (at == 0)])

@@ -30,8 +30,7 @@ def near(who: identity.Identity, eye: int) -> Camera:
 
 
 def eyes(decoder: Decoder) -> np.ndarray:  # [N]
-    on_eye = np.isin(decoder.surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)
-    return decoder.surface.interpolate @ on_eye > 0.99
+    return decoder.surface.share_on(np.concatenate(decoder.eyeballs)) > 0.99
 
 
 def painted(decoder: Decoder, who: identity.Identity, pose: str, color: float) -> Gaussians:
@@ -107,8 +106,7 @@ def test_an_eye_seen_near_has_no_holes(decoder, tiles):
 def test_ears_and_nape_have_no_holes(decoder, tiles):
     who = identity.load("hugo")
     cloud = sheet.posed(decoder, who, "neutral")
-    face = np.isin(decoder.surface.used, decoder.regions["narrow_face"]).astype(np.float32)
-    off_face = np.flatnonzero(decoder.surface.interpolate @ face == 0)
+    off_face = np.flatnonzero(decoder.surface.share_on(decoder.regions["narrow_face"]) == 0)
     cloud.colors[:] = 0
     cloud.colors[off_face] = 1
     cloud.opacities[len(decoder.opacities) :] = 0  # strands, and those of the shirt's hem
@@ -171,9 +169,7 @@ def test_only_teeth_in_front_are_drawn(decoder):
     """From inside molars would be slivers: the fit never saw them so."""
     tensors, _ = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
     mesh, head = prior_file.template(tensors), decoder.surface
-    on_teeth = np.zeros(len(head.used), np.float32)
-    on_teeth[tensors["teeth_rows"]] = 1
-    rows = head.interpolate @ on_teeth > 0.99
+    rows = head.share_on(head.used[tensors["teeth_rows"]]) > 0.99
     points = head.interpolate @ mesh[head.used]
     for side in (points[:, 1] < -34, points[:, 1] > -33):
         opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]

@@ -48,7 +48,7 @@ def test_eyes_lips_and_nostrils_keep_more_of_theirs(decoders):
         left = []
         for preset in ("65k", "32k"):
             head = decoders[preset].surface
-            share = head.interpolate @ np.isin(head.used, members).astype(np.float32)
+            share = head.share_on(members)
             on = (share == 0) if none else (share > 0.99)
             left.append((on & (head.depths == 0)).sum())
         return left[1] / left[0]
@@ -63,7 +63,7 @@ def test_lips_have_no_holes(decoders):
     for decoder in decoders.values():
         head, lips = decoder.surface, decoder.regions["lips"]
         mesh = prior_file.template(weights_file.load(weights_file.FOLDER / "prior", "prior")[0])
-        on = np.flatnonzero(head.interpolate @ np.isin(head.used, lips).astype("f4") > 0)
+        on = np.flatnonzero(head.share_on(lips) > 0)
         corners = head.whole.corners[np.isin(head.whole.corners, lips).all(1)]
         middles = mesh[corners].mean(1)
         apart, near = KDTree((head.interpolate @ mesh[head.used])[on]).query(middles)

@@ -113,8 +113,8 @@ def test_colours_are_albedo_under_light(decoder, talking):
     decoder.wrinkles.fold(code @ decoder.coding.to_rig, expected, who.wrinkles)
     rims = SHEEN * (decoder.shares @ who.gloss) * (surface.interpolate @ seen[2])
     np.testing.assert_allclose(cloud.shine.weights[:, 2], rims, atol=1e-4)
-    eyes = np.isin(surface.used, np.concatenate(decoder.eyeballs)).astype(np.float32)
-    bare = surface.interpolate @ eyes == 0  # lids colour what they cover: test_cover.py
+    bare = surface.share_on(np.concatenate(decoder.eyeballs)) == 0
+    # lids colour what they cover: test_cover.py
     bare[np.concatenate([eye.covered for eye in decoder.eyes])] = False
     np.testing.assert_allclose(cloud.colors[: len(expected)][bare], expected[bare], atol=1e-4)
 
