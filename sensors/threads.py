@@ -147,6 +147,7 @@ def in_turn(work: Work, parts: int) -> None:
 def _help(calls: "SimpleQueue[Callable[[], None] | None]") -> None:
     for work in iter(calls.get, None):
         work()
+        del work  # asleep it would keep whoever owns the work, and so these threads
 
 
 def _cpus() -> int:

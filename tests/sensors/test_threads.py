@@ -119,6 +119,27 @@ def test_helpers_end_with_their_owner() -> None:
     assert not helper.is_alive()
 
 
+class Owner:
+    def __init__(self) -> None:
+        self.threads, self.barrier = helped(), threading.Barrier(2, timeout=10)
+
+    def work(self, part: int = 0) -> None:
+        self.barrier.wait()
+
+
+@pytest.mark.parametrize("way", ["share", "both"])
+def test_helpers_end_with_the_owner_of_what_they_did(way: str) -> None:
+    owner = Owner()
+    if way == "share":
+        owner.threads.share(owner.work, 2)
+    else:
+        owner.threads.both(owner.work, owner.work)
+    helper = owner.threads._helpers[0][0]
+    del owner
+    helper.join(5)
+    assert not helper.is_alive()
+
+
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere nobody is moved")
 def test_the_caller_of_both_stays_on_a_cpu_until_it_returns() -> None:
     threads, allowed = helped(), os.sched_getaffinity(0)
