@@ -1,4 +1,4 @@
-"""A face without the decoder, and a data pack of tones: what training stages learn from here."""
+"""A face without the decoder, a pack of tones and clips of voices: what stages learn from here."""
 
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
 from encoder.denoiser.config import MOUTH
 from encoder.training.geometry import TrainingFace
+from encoder.training.streams.spoken import SpokenFrames
 
 BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 55)))[0].T.astype(np.float32)
 
@@ -42,3 +43,17 @@ def pack_of_tones(folder: Path) -> Path:
     shard = dataset.write_shard(folder / "shard_000.npz", clips)
     dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
     return folder
+
+
+def spoken(voices: dict[str, int], dim: int = 7) -> SpokenFrames:
+    """Clips of these voices, of so many frames."""
+    rng, count = np.random.default_rng(0), sum(voices.values())
+    heard = rng.standard_normal((count, dim)).astype(np.float16)
+    own, rig = rng.standard_normal((count, 256)), rng.random((count, 53))
+    phones = rng.integers(-1, 40, count).astype(np.int8)
+    whose = np.repeat(list(voices), list(voices.values()))
+    lengths = np.array(list(voices.values()))
+    return SpokenFrames(
+        heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths,
+        np.isin(whose, ["anna", "ben"]),
+    )  # fmt: skip

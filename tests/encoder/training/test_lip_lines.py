@@ -2,10 +2,14 @@
 
 import numpy as np
 import torch
+from training_material import FACE, spoken
 
 from encoder.denoiser.config import MOUTH
 from encoder.denoiser.direct import Direct
-from encoder.training.streams.lip_lines import LipLines, fit_lines
+from encoder.training.mouth import Mouth
+from encoder.training.streams.lip_lines import MOST, LipLines, fit_lines, fitted
+from encoder.training.streams.pieces import SpokenPieces
+from encoder.training.streams.spoken import REST, RULES
 
 
 def noise(seed: int, *shape: int) -> torch.Tensor:
@@ -35,3 +39,28 @@ def test_a_direct_path_takes_the_lines_in() -> None:
     wanted = lines.beside(direct.said(seen), seen)
     lines.fold(direct)
     torch.testing.assert_close(direct.said(seen), wanted, atol=1e-4, rtol=1e-4)
+
+
+def test_lip_lines_know_nobody_who_is_left_out() -> None:
+    frames = spoken({"anna": 60, "ben": 60, RULES: 30})
+    scale = torch.zeros(14), torch.ones(14)
+
+    def line() -> LipLines:
+        pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=20, rules=0.3, rest=0.3)
+        return LipLines.of(pieces, scale, ("anna",), (0.5, 0.5))
+
+    before = line()
+    frames.heard[:60] *= 3
+    torch.testing.assert_close(line().weight, before.weight)
+    frames.heard[60:120] *= 3
+    assert not torch.allclose(line().weight, before.weight, rtol=0.1)
+    frames.plain[:] = False
+    np.testing.assert_allclose(line().ways, 0)  # nobody is left: the network alone
+
+
+def test_lip_lines_hear_every_voice_and_no_noise() -> None:
+    frames = spoken({"anna": 60, "ben": 60, "carl": 5000, RULES: 30, REST: 40})
+    frames.plain[frames.voice != "anna"] = False  # the others have clips, none of them plain
+    rows = fitted(frames, ("ben",))
+    assert {str(v) for v in frames.voice[rows]} == {"anna", "carl", RULES}
+    assert MOST <= (frames.voice[rows] == "carl").sum() < 1.5 * MOST

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from training_material import FACE, pack_of_tones
+from training_material import FACE, pack_of_tones, spoken
 
 from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
@@ -23,10 +23,8 @@ from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import chain, listen
-from encoder.training.streams.augment import distort
-from encoder.training.streams.lip_lines import MOST, LipLines, fitted
-from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
-from encoder.training.streams.spoken import REST, RULES, Crowd, SpokenFrames
+from encoder.training.streams.pieces import SpokenPieces
+from encoder.training.streams.spoken import REST, RULES
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -40,20 +38,6 @@ def settings(folder: Path, **more: Any) -> listen.ListenConfig:
     names = ("pack", "phones", "old", "pair", "output")
     given = dict.fromkeys(names, folder) | {"run": loop.RunSettings(state=folder / "state")}
     return listen.preset("debug", **{**given, **more})
-
-
-def spoken(voices: dict[str, int], dim: int = 7) -> SpokenFrames:
-    """Clips of these voices, of so many frames."""
-    rng, count = np.random.default_rng(0), sum(voices.values())
-    heard = rng.standard_normal((count, dim)).astype(np.float16)
-    own, rig = rng.standard_normal((count, 256)), rng.random((count, 53))
-    phones = rng.integers(-1, 40, count).astype(np.int8)
-    whose = np.repeat(list(voices), list(voices.values()))
-    lengths = np.array(list(voices.values()))
-    return SpokenFrames(
-        heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths,
-        np.isin(whose, ["anna", "ben"]),
-    )  # fmt: skip
 
 
 def untrained() -> tuple[Denoiser, SpokenPieces]:
@@ -113,13 +97,6 @@ def test_a_direct_path_that_hears_a_voice_and_learned_nothing_changes_nothing() 
     torch.testing.assert_close(direct(x0, noise(2, 9, 7))[0], x0)
 
 
-def test_rare_phones_weigh_more_and_unknown_ones_as_silence() -> None:
-    weight = phone_weights(np.repeat([-1, 0, 1, 2], [50, 60, 30, 10]), 0.4)
-    assert weight[0] < weight[1] < weight[2] and weight[-1] == weight[0]
-    assert np.average(weight[:3], weights=[60, 30, 10]) == pytest.approx(1)
-    np.testing.assert_allclose(phone_weights(np.arange(3), 0.0), 1)
-
-
 def test_lips_are_wider_by_the_gain_and_as_far_open_as_before() -> None:
     mouth, truth = Mouth.of(FACE), noise(500, MOUTH)
     before, after = mouth.spans(truth), mouth.spans(truth @ mouth.widened(truth, 1.3))
@@ -144,68 +121,6 @@ def test_training_lowers_the_error_of_the_mouth_and_tells_voices(tmp_path: Path)
     loop.train("listen", trained, step_losses, steps=150, rate=1e-2, run=config.run)
     after = listener.losses(batch, config)
     assert after["shape"] < 0.5 * before["shape"] and after["voice"] < 0.5 * before["voice"]
-
-
-def test_a_talker_counts_as_the_root_of_how_much_there_is() -> None:
-    voice = np.repeat(["anna", "ben", "carl", RULES, REST], [400, 100, 50, 30, 20])
-    weight = voice_weights(voice, 0.1, 0.2, ("carl",))
-    shares = [weight[voice == name].sum() for name in ("anna", "ben", "carl", RULES, REST)]
-    np.testing.assert_allclose(shares, np.array([2, 1, 0, 0.3, 0.6]) / 3.9, rtol=1e-6)
-    with pytest.raises(InputError, match="--leave-out: expected one of anna, ben, carl, got 'dan'"):
-        voice_weights(voice, 0.1, 0.2, ("dan",))
-
-
-def test_pieces_are_of_one_clip_and_of_nobody_who_is_left_out() -> None:
-    frames = spoken({"anna": 30, "ben": 25, REST: 10}, dim=1)
-    frames.heard[:, 0] = np.arange(65)
-    pieces = SpokenPieces(
-        frames, Mouth.of(FACE), batch=64, length=12, rules=0.0, rest=1.0, without=("anna",)
-    )
-    heard, _, truth, _, voiced, there = pieces.draw(np.random.default_rng(0))
-    rows = heard[..., 0][there > 0].long()
-    assert set(rows.tolist()) == set(range(30, 65))
-    np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows])
-    assert (voiced[there > 0][rows >= 55] == 0).all() and (voiced[there > 0][rows < 55] != 0).all()
-
-
-def test_other_people_talk_below_the_talker() -> None:
-    rng = np.random.default_rng(0)
-    tone = (8000 * np.sin(np.arange(9000) * 0.3)).astype(np.int16)
-    crowd = Crowd([tone, rng.integers(-900, 900, 30_000).astype(np.int16)])
-    voices = crowd.talk(24_000, rng)
-    assert voices.shape == (24_000,) and voices.std() == pytest.approx(1, rel=0.02)
-    talker = 0.1 * np.sin(np.arange(24_000) * 0.5)
-    off = [
-        distort(talker, np.random.default_rng(k), 0.3, crowd.talk)
-        - distort(talker, np.random.default_rng(k), 0.3, lambda n, rng: 0 * crowd.talk(n, rng))
-        for k in range(40)
-    ]
-    assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
-
-
-def test_lip_lines_know_nobody_who_is_left_out() -> None:
-    frames = spoken({"anna": 60, "ben": 60, RULES: 30})
-    scale = torch.zeros(14), torch.ones(14)
-
-    def line() -> LipLines:
-        pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=20, rules=0.3, rest=0.3)
-        return LipLines.of(pieces, scale, ("anna",), (0.5, 0.5))
-
-    before = line()
-    frames.heard[:60] *= 3
-    torch.testing.assert_close(line().weight, before.weight)
-    frames.heard[60:120] *= 3
-    assert not torch.allclose(line().weight, before.weight, rtol=0.1)
-    frames.plain[:] = False
-    np.testing.assert_allclose(line().ways, 0)  # nobody is left: the network alone
-
-
-def test_lip_lines_hear_every_voice_and_no_noise() -> None:
-    frames = spoken({"anna": 60, "ben": 60, "carl": 5000, RULES: 30, REST: 40})
-    frames.plain[frames.voice != "anna"] = False  # the others have clips, none of them plain
-    rows = fitted(frames, ("ben",))
-    assert {str(v) for v in frames.voice[rows]} == {"anna", "carl", RULES}
-    assert MOST <= (frames.voice[rows] == "carl").sum() < 1.5 * MOST
 
 
 def test_a_new_head_takes_its_reach_along() -> None:
