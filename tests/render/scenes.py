@@ -1,10 +1,13 @@
-"""A synthetic head made of blobs, and how pictures are compared."""
+"""A synthetic head made of blobs, how pictures are compared, and activations by name."""
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render.decoder.decoder import Decoder
 from render.decoder.surface import BEHIND
 from render.types import Gaussians
+
+COLUMNS = 55  # 53 shapes of the rig and 2 of the tongue
 
 
 def head_scene(num_gaussians: int = 6000, seed: int = 0) -> Gaussians:
@@ -73,3 +76,10 @@ def facing(normals: np.ndarray) -> np.ndarray:  # [n, 3] unit -> [n, 4] wxyz
     """The shortest turn from z to the normal, as the decoder gives it; see surface.normals_of."""
     x, y, z = normals.T
     return np.stack([z + BEHIND, -y, x, 0 * z], 1).astype(np.float32)
+
+
+def rig_of(decoder: Decoder, **activations: float) -> np.ndarray:
+    rig = np.zeros(COLUMNS, np.float32)
+    for name, value in activations.items():
+        rig[decoder.rig_names.index(name)] = value
+    return rig
