@@ -63,3 +63,8 @@ def drawn_eye(x: float, y: float, lid: float) -> np.ndarray:  # [400, 400] u8
     picture[opening & iris] = 60
     picture[:, :120] -= 30  # the nose is darker: left and right differ
     return picture.astype(np.uint8)
+
+
+def pair(seed: int = 0) -> np.ndarray:
+    x, y, lid = np.random.default_rng(seed).uniform((-0.2, -0.2, 0.2), (0.2, 0.2, 1))
+    return np.stack([drawn_eye(x, y, lid), drawn_eye(x - 0.1, y, lid)])

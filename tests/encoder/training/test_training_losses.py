@@ -1,10 +1,16 @@
-"""Losses with known answers: the ratio jitter, velocity, spread and contact."""
+"""Losses with known answers: ratio jitter, velocity, spread, contact, teacher and truth."""
 
 import pytest
 import torch
+from training_material import FACE
 
 from encoder.audio.config import PRESETS
+from encoder.denoiser.config import MOUTH
+from encoder.denoiser.config import PRESETS as DENOISERS
+from encoder.denoiser.diffusion import Schedule
+from encoder.denoiser.model import Denoiser
 from encoder.training.centred import HISTORY_FRAMES, CentredEncoder, fed_causally
+from encoder.training.distribution import dmd_loss, mouth_error
 from encoder.training.geometry import (
     JITTER_FLOOR_MM,
     contact_loss,
@@ -133,3 +139,33 @@ def test_fed_causally_hears_nothing_ahead():
     a, b = (fed_causally(encoder, x, 800) for x in (audio, later))
     assert a.shape == (frames, encoder.config.frame_width)
     assert torch.equal(a[:5], b[:5]) and not torch.allclose(a[5], b[5])
+
+
+@pytest.mark.slow
+def test_dmd_gradient_points_to_the_teacher():
+    torch.manual_seed(0)
+    near, far = torch.full((1, 4, 256), 1.0), torch.zeros(1, 4, 256)
+
+    class Constant(torch.nn.Module):
+        def __init__(self, value: torch.Tensor) -> None:
+            super().__init__()
+            self.value = value
+
+        def forward(self, *_: object) -> torch.Tensor:
+            return self.value
+
+    z = torch.zeros(1, 4, 256, requires_grad=True)
+    none = torch.zeros(1, 4, 1)
+    dmd_loss(Constant(far), Constant(near), z, none, none, Schedule()).backward()
+    assert z.grad is not None and (z.grad < 0).all()  # a step down the gradient rises to 1
+
+
+@pytest.mark.slow
+def test_the_truth_holds_the_mouth_and_leaves_the_eyes_to_the_teacher():
+    student, codes, weight = Denoiser(DENOISERS["debug"]), torch.zeros(1, 4, 256), torch.ones(1, 4)
+    student.expression_std.fill_(3.0)
+    z = torch.zeros(1, 4, 256)
+    z[..., MOUTH:] = 1.0
+    assert mouth_error(student, z, codes, weight, FACE) == 0
+    z[..., :MOUTH] = 1.0
+    assert mouth_error(student, z, codes, weight, FACE) == pytest.approx(MOUTH / 256)
