@@ -1,13 +1,10 @@
 """What other programs receive, through readers that are not ours, against the --arkit table."""
 
-import csv
-import json
 import socket
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from time import monotonic, sleep
 
 import numpy as np
@@ -17,8 +14,6 @@ from pythonosc.dispatcher import Dispatcher
 from pythonosc.osc_server import BlockingOSCUDPServer
 
 from app.drive.sink import FrameResult, RunInfo
-from app.face.arkit import ARKIT_NAMES
-from app.sinks.arkit import ArkitSink
 from app.sinks.protocols.face import FaceReader
 from app.sinks.protocols.osc import MAX_DATAGRAM
 from app.sinks.protocols.send import QUEUE, Receiver, SendSink
@@ -29,44 +24,9 @@ from encoder.types import DrivenFrame
 from render.decoder.decoder import Decoder
 from render.types import AHEAD
 from sensors.clock import ManualClock
-from sensors.types import FPS, NS, InputError, SensorFrame
+from sensors.types import FPS, InputError
 
-TICKS = 50
-INFO = RunInfo(64, 64, TICKS)
-
-
-@pytest.fixture(scope="module")
-def results(decoder: Decoder) -> list[FrameResult]:
-    """Faces with every channel moving, and eyes that look in all directions."""
-    rng = np.random.default_rng(3)
-    made: list[FrameResult] = []
-    for index in range(TICKS):
-        rig = rng.uniform(0, 1, 53).astype(np.float32)
-        yaw, up = rng.uniform(-0.5, 0.5, (2, 2))
-        gaze = np.stack([np.sin(yaw) * np.cos(up), np.sin(up), np.cos(yaw) * np.cos(up)], -1)
-        t_ns = (index + 1) * NS // FPS
-        silence, ages = np.zeros(1600, np.float32), np.full(2, -1, np.int64)
-        frame = SensorFrame(index, t_ns, silence, None, np.zeros(2, bool), ages, False)
-        driven = DrivenFrame(index, t_ns, decoder.encode(rig), gaze.astype(np.float32))
-        made.append(FrameResult(frame, driven, None))
-    return made
-
-
-@pytest.fixture(scope="module")
-def table(
-    decoder: Decoder, results: list[FrameResult], tmp_path_factory: pytest.TempPathFactory
-) -> list[dict[str, float]]:
-    """The rows of the --arkit table by column name, of the same frames."""
-    path = tmp_path_factory.mktemp("arkit") / "face.csv"
-    sink = ArkitSink(path, decoder)
-    sink.on_start(INFO)
-    for result in results:
-        sink.on_frame(result)
-    sink.close()
-    with path.open() as file:
-        return [
-            {k: float(v) for k, v in row.items() if k != "Timecode"} for row in csv.DictReader(file)
-        ]
+INFO = RunInfo(64, 64, 50)
 
 
 @contextmanager
@@ -122,7 +82,7 @@ def test_vmc_carries_the_table_by_name(
             for bone, turn in list(bones.items())[2:]:
                 expected = unity_turn(-row[f"{bone}Yaw"], -row[f"{bone}Pitch"])
                 assert turn == pytest.approx([0, 0, 0, *expected], abs=1e-3)
-        assert sink.network_report()[f"vmc://127.0.0.1:{port}"]["sent"] == TICKS
+        assert sink.network_report()[f"vmc://127.0.0.1:{port}"]["sent"] == len(results)
 
 
 def test_an_eye_to_the_owners_left_and_up_turns_as_in_unity() -> None:
@@ -217,39 +177,6 @@ def test_every_datagram_fits_an_ethernet_frame(
         assert len(datagrams) > 1 and max(map(len, datagrams)) <= MAX_DATAGRAM
 
 
-def test_gains_stretch_and_clamp_a_channel(
-    tmp_path: Path, decoder: Decoder, results: list[FrameResult]
-) -> None:
-    gains = tmp_path / "gains.json"
-    gains.write_text(json.dumps({"jawOpen": {"gain": 2, "high": 0.5}, "mouthPucker": {"low": 0.2}}))
-    jaw, pucker = ARKIT_NAMES.index("jawOpen"), ARKIT_NAMES.index("mouthPucker")
-    for result in results:
-        plain = FaceReader(decoder)(result.driven).arkit
-        shaped = FaceReader(decoder, gains)(result.driven).arkit
-        assert shaped[jaw] == pytest.approx(min(2 * plain[jaw], 0.5))
-        assert shaped[pucker] == pytest.approx(max(plain[pucker], 0.2))
-        others = np.delete(np.arange(52), [jaw, pucker])
-        np.testing.assert_array_equal(shaped[others], plain[others])
-
-
-@pytest.mark.parametrize(
-    "text",
-    [
-        "not json",
-        '{"jawOpn": {"gain": 1}}',
-        '{"jawOpen": {"grain": 1}}',
-        '{"jawOpen": {"low": 1, "high": 0}}',
-        '{"jawOpen": {"gain": NaN}}',
-        '{"jawOpen": 2}',
-    ],
-)
-def test_a_wrong_gains_file_is_one_line(tmp_path: Path, decoder: Decoder, text: str) -> None:
-    path = tmp_path / "gains.json"
-    path.write_text(text)
-    with pytest.raises(InputError, match="expected"):
-        FaceReader(decoder, path)
-
-
 @pytest.mark.parametrize(
     "url",
     ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x", "vrchat://h/a%00b"],
@@ -295,9 +222,9 @@ def test_a_stuck_thread_never_holds_up_the_tick(
     assert isinstance(sink, SendSink)  # its thread is not started
     for result in results:
         sink.on_frame(result)
-    assert sink.dropped == TICKS - QUEUE
+    assert sink.dropped == len(results) - QUEUE
     newest = [sink._queue.get_nowait() for _ in range(QUEUE)]  # noqa: SLF001
-    assert [d.index for d in newest if d] == list(range(TICKS - QUEUE, TICKS))
+    assert [d.index for d in newest if d] == list(range(len(results)))[-QUEUE:]
     sink.close()
 
 
