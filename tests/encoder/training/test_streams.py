@@ -1,4 +1,4 @@
-"""Sound as microphones hear it, and scales of the streams that fold away into a model."""
+"""Sound as microphones hear it, eyes as cameras lose them, scales that fold into a model."""
 
 from dataclasses import replace
 
@@ -9,8 +9,10 @@ import torch
 from encoder.capture.speech.handling import HANDLING
 from encoder.denoiser.config import PRESETS
 from encoder.denoiser.model import Denoiser
+from encoder.eyes.tracker import FADE_FRAMES, HOLD_FRAMES
 from encoder.training.stages import diffusion
 from encoder.training.streams import augment, streams
+from encoder.training.streams import eyes as eye_streams
 from encoder.training.streams.whitening import Whitening
 
 pytestmark = pytest.mark.slow
@@ -75,3 +77,26 @@ def test_not_speech_is_bounded_and_sometimes_silent():
     sounds = [augment.not_speech(4800, np.random.default_rng(k)) for k in range(30)]
     assert max(float(np.abs(x).max()) for x in sounds) <= 1
     assert any(not x.any() for x in sounds) and any(x.any() for x in sounds)
+
+
+def test_eyes_are_lost_as_often_as_asked() -> None:
+    rng = np.random.default_rng(0)
+    share = [
+        float(eye_streams._lost_frames(100, c, rng).any()) for c in (0.0, 0.5) for _ in range(200)
+    ]
+    assert np.mean(share[:200]) == 0 and 0.3 < np.mean(share[200:]) < 0.6
+
+
+def test_lost_eyes_hold_then_fade_to_the_other() -> None:
+    own = torch.arange(60.0)[:, None].repeat(1, 80)
+    other, gone = own + 1000, torch.zeros(60, dtype=torch.bool)
+    gone[20:45] = True
+    row = eye_streams._switched(own, other, gone)[:, 0]
+    assert torch.equal(row[:20], own[:20, 0])
+    assert (row[20 : 20 + HOLD_FRAMES] == 19).all()
+    settled = 20 + HOLD_FRAMES + FADE_FRAMES - 1
+    assert torch.equal(row[settled:45], other[settled:45, 0])
+    assert torch.equal(row[45 + FADE_FRAMES - 1 :], own[45 + FADE_FRAMES - 1 :, 0])
+    assert row.diff().abs().max() < 1000 / FADE_FRAMES + 10
+    every = eye_streams._switched(own, other, torch.ones(60, dtype=torch.bool))
+    assert torch.equal(every, other)
