@@ -20,7 +20,6 @@ from encoder.nn.modules import fill
 from encoder.training.checkpoints import load_encoder
 from encoder.training.stages.diffusion import TRUTH
 from encoder.types import Condition, Weights
-from sensors.types import InputError
 
 DIRECT = "direct."  # how the names of the direct path's tensors begin
 TALKERS = "blocks_talkers"  # in a student's card: whose motion its blocks learned from
@@ -52,15 +51,9 @@ class OldChain:
         """The sha256 of the student whose blocks these are."""
         return str(self.card.get("blocks", self.card["sha256"]))
 
-    def check_left_out(self, talkers: tuple[str, ...]) -> None:
-        """Raise InputError where the blocks know one of them: figures would flatter."""
-        known = sorted(set(talkers) & set(self.card.get(TALKERS, ())))
-        if known:
-            raise InputError(
-                f"--leave-out: expected talkers whose motion no part has learned from, got "
-                f"{', '.join(known)}, whom the blocks of {self.folder} know; leave out others, or "
-                "train the blocks without them: livedrive train distill --leave-out ..."
-            )
+    def knows(self, talkers: tuple[str, ...]) -> bool:
+        """Did the blocks learn from the motion of one of them?"""
+        return bool(set(talkers) & set(self.card.get(TALKERS, ())))
 
     def student(self) -> Denoiser:
         path = self.folder / STUDENTS[self.sizes.condition]

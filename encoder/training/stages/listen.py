@@ -6,7 +6,7 @@ to tell voices from other sounds. Its mouth is mixed with that of the blocks: th
 errors, so the mixture has less. A new contact head is trained behind both.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -150,7 +150,10 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     """Train, and write the chain: encoder, student and what extends it; with talkers left out, only
     the student."""
     old = chain.OldChain.load(config.old)
-    old.check_left_out(config.without)
+    if config.without:  # what the student is to hear with must be there before it is trained
+        checkpoint.load(config.pair, "audio")
+    if old.knows(config.without):
+        config = replace(config, share=0.0)  # they would tell whom they have seen
     phones = load_encoder(config.phones)
     recipe = f"{checkpoint.load(config.phones, 'audio')[1]['sha256']} {old.blocks}"
     student = old.student()

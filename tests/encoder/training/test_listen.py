@@ -211,8 +211,22 @@ def test_who_is_left_out_gets_a_student_and_nothing_else(config, tmp_path) -> No
     assert [path.name for path in (tmp_path / "left").glob("*.json")] == ["student.json"]
 
 
-def test_talkers_whom_the_blocks_know_are_not_left_out() -> None:
+def test_nobody_is_left_out_before_the_whole_chain_is_there(config) -> None:
+    with pytest.raises(InputError, match="audio: expected a .safetensors"):
+        listen.run(replace(config, without=("tone",)), FACE)
+    assert not list(config.run.state.parent.glob("*state*"))  # nothing was trained for nothing
+
+
+def test_blocks_say_nothing_where_one_whom_they_know_is_left_out(config, monkeypatch) -> None:
+    listen.run(config, FACE)
+    for known in ("anna", "tone"):
+        monkeypatch.setattr(chain.OldChain, "knows", lambda _, talkers, name=known: name in talkers)
+        listen.run(replace(config, without=("tone",)), FACE)
+        share = load_student(config.output, "gaze")[1]["direct.share"]
+        assert share.any() == (known == "anna")
+
+
+def test_whom_the_shipped_blocks_know() -> None:
     shipped = chain.OldChain.load(WEIGHTS)
-    shipped.check_left_out(("grid-s4", "grid-s30", "grid-s33"))
-    with pytest.raises(InputError, match="got grid-s2, grid-s5, whom the blocks of"):
-        shipped.check_left_out(("grid-s5", "grid-s4", "grid-s2"))
+    assert not shipped.knows(("grid-s4", "grid-s30", "grid-s33"))
+    assert shipped.knows(("grid-s4", "grid-s2"))
