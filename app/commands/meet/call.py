@@ -13,7 +13,7 @@ from tyro.conf import Positional, subcommand
 
 from app.commands.live import LiveDriveOptions, ends_on_signals
 from app.commands.meet.server import Bridge, Server, Test
-from app.compose.call import SoundSettings, Switch
+from app.compose.settings import SoundSettings, Switch
 from app.terminal.arguments import File, optional
 from sensors import files
 from sensors.types import InputError
