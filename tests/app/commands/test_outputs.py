@@ -1,6 +1,7 @@
 """What will be written is judged before the work: a wrong name costs nothing, no file is lost."""
 
 import shutil
+import socket
 import sys
 from pathlib import Path
 
@@ -66,6 +67,42 @@ def test_a_wrong_name_is_refused_before_the_work(
 def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Red before: tracebacks of NumPy and of multiprocessing."""
     assert "or more, got" in told(words.split(), capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("call host --port 99999 --headless --mic none", "expected 0..65535"),
+        ("call server DIR --port 99999", "expected 0..65535"),
+        ("call host --ice bogus --headless --mic none", "expected stun:HOST:PORT"),
+        ("eval eyes --clips 0", "--real FOLDER"),
+        ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
+    ],
+)
+def test_a_wrong_word_is_told_at_once(
+    words: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: a traceback of the call's process, a server that nobody reached, a call without
+    the servers that were asked for, an evaluation of nothing that succeeded."""
+    assert expected in told(words.split(), capsys)
+
+
+def test_a_server_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: Janus went on without it, and the line to type next led nowhere."""
+    with socket.create_server(("127.0.0.1", 0)) as held:
+        port = held.getsockname()[1]
+        said = told(f"call server {tmp_path} --port {port}".split(), capsys)
+    assert "choose another --port" in said and not any(tmp_path.iterdir())
+
+
+def test_nothing_is_measured_on_no_frames(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: `bench` passed every threshold, `eval head` ended in a traceback."""
+    soundfile.write(tmp_path / "a.wav", np.zeros(100, np.float32), 48_000)
+    CreateSession(folder=tmp_path / "s", audio=tmp_path / "a.wav").run()
+    assert "with frames" in told(f"bench --session {tmp_path}/s".split(), capsys)
+    assert "1 s or more" in told(f"eval head --session {tmp_path}/s".split(), capsys)
 
 
 def test_a_bench_takes_a_time(capsys: pytest.CaptureFixture[str]) -> None:
