@@ -72,8 +72,10 @@ def main() -> None:
     except BrokenPipeError:
         sys.stderr.close()  # the reader of our output has seen enough
         raise SystemExit(1) from None
-    except FileNotFoundError as error:
+    except (FileNotFoundError, NotADirectoryError) as error:
         _fail(f"expected a file or folder {error.filename}, got none; check the path", 2)
+    except FileExistsError as error:
+        _fail(f"{error.filename}: expected a new name or a folder, got a file; choose another", 2)
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
         _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)

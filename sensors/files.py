@@ -137,6 +137,8 @@ def replacing(path: Path, *, private: bool = False) -> Generator[Path]:
 
     It lies beside `path` under a random name with the same suffix.
     """
+    if not path.parent.is_dir():
+        raise InputError(f"{path}: expected a folder {path.parent}, got none; create it first")
     check_regular(path)
     draft = path.with_name(f".{path.stem[:100]}.{secrets.token_hex(8)}{path.suffix}")
     create(draft, private=private)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.session.format import MOTION_FILE
 from sensors.types import (
     FPS,
     NS,
@@ -71,7 +72,7 @@ def make_session(folder: Path, settings: SessionSettings) -> None:
         for packet in _packets(sound, motion, frames, settings, rng):
             writer.append(packet)
     np.savez_compressed(
-        folder / "motion.npz",
+        folder / MOTION_FILE,
         rig=motion.rig[:frames].astype(np.float16),
         tongue=motion.tongue[:frames].astype(np.float16),
         gaze=motion.gaze[:frames].astype(np.float16),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors import files
+from sensors.session.format import MOTION_FILE
 from sensors.types import FPS, NS, SAMPLE_RATE, InputError
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def write_motion(folder: Path, take: "LivelinkTake", frames: int) -> None:
         if name in columns:
             arkit[:, k] = weights[:, columns[name]]
     np.savez_compressed(
-        files.create(folder / "motion.npz", private=True),
+        files.create(folder / MOTION_FILE, private=True),
         t_ns=(np.arange(frames, dtype=np.int64) + 1) * NS // FPS,
         rig=rig.astype(np.float16),
         rig_names=np.array(RIG_NAMES),

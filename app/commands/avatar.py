@@ -9,9 +9,10 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from app.avatars.pictures import Light, Pose, Sheet
-from app.terminal import confirm
+from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Name
 from render.types import DENSITY, Density
+from sensors.types import InputError
 
 
 @dataclass(kw_only=True)
@@ -52,6 +53,12 @@ class ShowAvatar:
     def run(self) -> None:
         from app.avatars.pictures import PictureSettings, save_picture
 
+        outputs.check("--picture", self.picture, outputs.PICTURES)
+        if self.background == "transparent" and self.picture.suffix.lower() != ".png":
+            raise InputError(
+                f"--background transparent: expected a PNG to write, got {self.picture.name!r}; "
+                f"try {self.picture.stem}.png"
+            )
         confirm.overwriting([self.picture])
         settings = PictureSettings(
             size=self.size,
@@ -86,6 +93,7 @@ class TurnAvatar:
     def run(self) -> None:
         from app.avatars.pictures import save_turn
 
+        outputs.check("video", self.video, outputs.VIDEOS)
         confirm.overwriting([self.video])
         save_turn(self.name, self.video, self.size, self.seconds, self.light, self.gaussians)
         print(f"wrote {self.video.resolve()}")
@@ -158,6 +166,7 @@ class ExportAvatar:
         from app.avatars.pictures import posed
         from render.avatars import ply
 
+        outputs.check("ply", self.ply, (".ply",))
         confirm.overwriting([self.ply])
         cloud = posed(self.name, self.pose)
         ply.save(self.ply, cloud)

@@ -7,8 +7,12 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import File
+from app.terminal import confirm, outputs
+from app.terminal.arguments import Count, File, Seed
 from render.types import DENSITY, Density
+from sensors.types import InputError
+
+MAX_MINUTES = 60 * 24 * 7
 
 What = Literal[
     "tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers", "xr"
@@ -40,21 +44,29 @@ class Bench:
     """Where the networks run."""
     minutes: float = 20.0
     """Length of the run (soak, web)."""
-    times: int = 20
+    times: Count = 20
     """How often to cause each fault (faults)."""
-    num: int = 100_000
+    num: Count = 100_000
     """Number of damaged inputs (fuzz)."""
-    processes: int = 1
+    processes: Count = 1
     """Processes that share the work (fuzz)."""
     keep: File = None
     """Folder for progress and findings; the same command continues from there (fuzz)."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the damage (fuzz) or of the untrained weights (peers)."""
     report: File = None
     """Write the metrics as JSON."""
 
     def run(self) -> None:
         from app.terminal.thresholds import finish
+
+        outputs.check("--report", self.report)
+        confirm.overwriting([self.report])
+        if not 0 < self.minutes <= MAX_MINUTES:
+            raise InputError(
+                f"--minutes: expected more than 0, at most {MAX_MINUTES}, got {self.minutes:g}; "
+                "try --minutes 20"
+            )
 
         measures: dict[What, Callable[[], dict[str, Any]]] = {
             "tick": self._tick,

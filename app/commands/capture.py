@@ -13,7 +13,8 @@ from typing import Literal
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import Amount, File, Name, Number
+from app.terminal import confirm, outputs
+from app.terminal.arguments import Amount, Count, File, Name, Number, Seed
 from sensors.types import InputError
 
 
@@ -40,9 +41,9 @@ class Capture:
     """Folder of tracked faces with sound, see recordings/README.md."""
     takes: File = None
     """Folder of your own NAME.wav with NAME.csv (Live Link Face)."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of everything that is drawn at random."""
-    processes: int = 2
+    processes: Count = 2
     """Processes that share the work."""
     picture: File = None
     """inspect, statistics, calibrate: write a picture, e.g. p.png."""
@@ -82,8 +83,10 @@ class Capture:
     def _inspect(self, folder: Path) -> None:
         from app.capture.inspect import InspectSettings, inspect
 
+        picture = self.picture or Path("inspect.png")
+        self._check_outputs(picture)
         settings = InspectSettings(
-            picture=self.picture or Path("inspect.png"),
+            picture=picture,
             video=self.video,
             subject=self.subject,
             clip=self.clip,
@@ -107,12 +110,20 @@ class Capture:
     def _statistics(self, folder: Path) -> None:
         from app.capture.report import statistics
 
+        self._check_outputs(self.picture)
         statistics(folder, self.picture, self.report)
 
     def _calibrate(self, folder: Path) -> None:
         from app.capture.report import calibrate
 
+        self._check_outputs(self.picture)
         calibrate(folder, self.mocap, self.seed, self.picture, self.report)
+
+    def _check_outputs(self, picture: Path | None) -> None:
+        outputs.check("--picture", picture, outputs.PLOTS)
+        outputs.check("--video", self.video, outputs.VIDEOS)
+        outputs.check("--report", self.report)
+        confirm.overwriting([picture, self.video, self.report])
 
     def _build(self, folder: Path) -> None:
         import json

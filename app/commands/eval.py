@@ -13,6 +13,10 @@ from app.eval.head import HeadSettings
 from app.eval.photos import PhotosSettings
 from app.eval.prior import PriorSettings
 from app.eval.speech.settings import SpeechSettings
+from app.terminal import confirm, outputs
+from app.terminal.arguments import Seed
+
+WRITTEN = {"report": (), "picture": outputs.PICTURES, "plot": outputs.PLOTS}
 
 
 @dataclass(kw_only=True)
@@ -86,7 +90,7 @@ class EvalAb:
     """The same of the second; a pair has the same file name."""
     out: Path = Path("ab.html")
     """Page to write."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the order and of the sides."""
     count: tuple[Path, ...] = ()
     """Instead: count the votes in these files, which the page saved."""
@@ -97,6 +101,8 @@ class EvalAb:
         if self.count:
             print(*ab.tally(self.count), sep="\n")
         else:
+            outputs.check("--out", self.out, (".html",))
+            confirm.overwriting([self.out])
             ab.make_page(self.a, self.b, self.out, self.seed)
 
 
@@ -139,4 +145,9 @@ class Eval:
     ]
 
     def run(self) -> None:
+        settings = getattr(self.command, "settings", None)
+        for name, endings in WRITTEN.items():
+            path = getattr(settings, name, None)
+            outputs.check(f"--{name}", path, endings)
+            confirm.overwriting([path])
         self.command.run()

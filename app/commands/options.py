@@ -13,7 +13,7 @@ from app.compose.settings import (
     XrMode,
 )
 from app.sinks import table
-from app.terminal import confirm
+from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Port, optional
 from render.types import DENSITY, SHARED_DENSITY, Density
 from sensors.types import InputError
@@ -113,6 +113,8 @@ class DriveOptions:
         in_call: bool = False,
     ) -> DriveSettings:
         """These options as settings; raises InputError if they cannot be used."""
+        outputs.check("--arkit", self.arkit, (".csv",))
+        outputs.check("--report", self.report)
         confirm.overwriting(
             [self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf, self.report]
         )

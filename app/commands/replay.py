@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import tyro
 
 from app.commands.options import DriveOptions
+from sensors.session.format import check_apart
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ class Replay(DriveOptions):
         if self.fast and (self.realtime or shown):
             other = "--realtime" if self.realtime else "--window" if self.window else "--xr"
             raise InputError(f"pace: expected --fast or {other}, got both; give one")
+        for out in (self.video, self.motion, self.arkit, self.report):
+            if out:
+                check_apart(self.session, out)
         from app.compose.replay import replay
         from app.compose.report import finish
         from app.sinks.progress import ProgressSink

@@ -68,6 +68,8 @@ class CreateSession:
             session_motion.write_motion(self.folder, take, int(made["frames"]))
         for warning in made.pop("warnings"):
             print(f"warning: {warning}")
+        if not made["frames"]:
+            print(f"warning: {audio}: shorter than one frame (1/30 s); nothing to replay")
         print(json.dumps(made, indent=2))
         words = ["livedrive", "replay", str(self.folder), "--video", "out.mp4"]
         print(f"next: {shlex.join(words)}")
@@ -93,7 +95,7 @@ class ExportSession:
     folder: Positional[Path]
     """Folder of the session."""
     out: Positional[Path]
-    """Video to write, e.g. out.mp4."""
+    """Video to write, e.g. out.mkv."""
     drop: Annotated[Literal["audio", "eyes"] | None, optional("audio|eyes")] = None
     """Leave out the sound or the eyes."""
 

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import Amount, File, Number, optional
+from app.terminal.arguments import Amount, File, Number, Seed, optional
 from app.train.settings import Baseline, Preset, Stage, TrainSettings, Variant
 
 
@@ -57,7 +57,7 @@ class Train:
     """Minutes of sound for the stages after audio, instead of the stage's default."""
     out: File = None
     """Folder for the weights; default: beside the code, where the app looks for them."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the first weights, of batches and noise."""
     device: Literal["cpu", "cuda"] = "cpu"
     """Where to train."""

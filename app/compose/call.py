@@ -1,9 +1,9 @@
 """A call beside a live run: its process, its microphone, and everybody at one table."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,6 +11,7 @@ from app.call.live.gate import Gate
 from app.call.live.link import CallLink, CallMicrophone, CallPanel, CallSink
 from app.call.live.protocol import CallSettings
 from app.compose.live import tell
+from app.compose.settings import SoundSettings
 from app.drive.loop import Drive
 from app.drive.sink import FrameResult, RunInfo
 from sensors.types import SAMPLES_PER_FRAME, InputError
@@ -18,21 +19,6 @@ from sensors.types import SAMPLES_PER_FRAME, InputError
 if TYPE_CHECKING:
     from app.call.trial.material import Material
     from sensors.live.source import LiveSource
-
-Switch = Literal["auto", "on", "off"]
-WORN = ("headphone", "headset", "earphone", "earbud", "airpod", "beyond", "index", "quest")
-
-
-@dataclass(frozen=True, kw_only=True)
-class SoundSettings:
-    """What is done to the microphone's sound; auto: on unless the loudspeaker is worn."""
-
-    echo: Switch = "auto"
-    noise: Switch = "auto"
-
-    def is_on(self, switch: Switch, speaker: str | None) -> bool:
-        worn = speaker == "none" or any(word in (speaker or "").lower() for word in WORN)
-        return switch == "on" or (switch == "auto" and not worn)
 
 
 def open_call(settings: CallSettings) -> CallLink:

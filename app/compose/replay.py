@@ -27,7 +27,10 @@ def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
     parts = build(settings, source=source, driver=driver, clock=clock, sinks=sinks)
-    return report(settings, parts, drive(parts))
+    summary = drive(parts)
+    if source.dropped:
+        tell(f"{session}: {source.dropped} eye pictures are missing; restore the eye videos")
+    return report(settings, parts, summary)
 
 
 def play(

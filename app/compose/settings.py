@@ -14,6 +14,8 @@ Device = Literal["auto", "cpu", "cuda"]
 HeadMode = Literal["auto", "synth", "track", "still"]
 XrMode = Literal["auto", "headless"]
 HEAD_MODES = ("auto", "synth", "still")  # words of --head; anything else is a tracker
+Switch = Literal["auto", "on", "off"]
+WORN = ("headphone", "headset", "earphone", "earbud", "airpod", "beyond", "index", "quest")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -130,3 +132,15 @@ class LiveSettings:
             raise InputError(
                 f"--seconds: expected more than 0, got {self.seconds}; try --seconds 10"
             )
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoundSettings:
+    """What is done to the microphone's sound; auto: on unless the loudspeaker is worn."""
+
+    echo: Switch = "auto"
+    noise: Switch = "auto"
+
+    def is_on(self, switch: Switch, speaker: str | None) -> bool:
+        worn = speaker == "none" or any(word in (speaker or "").lower() for word in WORN)
+        return switch == "on" or (switch == "auto" and not worn)

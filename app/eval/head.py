@@ -18,7 +18,7 @@ from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 from app.terminal.thresholds import at_least, at_most, finish
 from sensors import files
-from sensors.types import FPS
+from sensors.types import FPS, InputError
 
 PLOT_S = 10.0
 FLASH, BLINK = 0.25, 0.5  # ARKit weight from which a rise counts
@@ -73,6 +73,10 @@ def driven(settings: HeadSettings) -> dict[str, NDArray[np.float64]]:
             ),
         )
         with np.load(motion) as kept:
+            if len(kept["t_ns"]) < FPS:
+                raise InputError(
+                    f"eval head: expected 1 s or more, got {settings.session} with less"
+                )
             names = kept["arkit_names"].tolist()
             shapes = kept["arkit"].astype(np.float64)
             quats, breath = kept["head_quat"].tolist(), kept["breath"].astype(np.float64)

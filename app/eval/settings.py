@@ -2,12 +2,12 @@
 
 from dataclasses import dataclass
 
-from app.terminal.arguments import File
+from app.terminal.arguments import File, Seed
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReportSettings:
-    seed: int = 0
+    seed: Seed = 0
     """Seed of whatever is drawn at random."""
     report: File = None
     """Write the metrics as JSON."""

@@ -1,4 +1,4 @@
-"""Types of options without a default: their help would read `{None}|PATH (default: None)`."""
+"""Types of options: without a default, or whole numbers of a range."""
 
 from pathlib import Path
 from typing import Annotated
@@ -7,7 +7,7 @@ import tyro
 
 
 def optional(metavar: str, text: str | None = None) -> object:
-    """An option without a default value: its help names none."""
+    """An option without a default value: its help names none, not `{None}|PATH (default: None)`."""
     return tyro.conf.arg(metavar=metavar, help=text, help_behavior_hint="")
 
 
@@ -16,3 +16,27 @@ Number = Annotated[int | None, optional("N")]
 Amount = Annotated[float | None, optional("N")]
 Name = Annotated[str | None, optional("NAME")]
 Port = Annotated[int | None, optional("PORT")]
+
+
+def _whole(
+    least: int, most: float = float("inf")
+) -> tyro.constructors.PrimitiveConstructorSpec[int]:
+    def read(words: list[str]) -> int:
+        number = int(words[0])
+        if not least <= number <= most:
+            wanted = f"{least} or more" if most == float("inf") else f"{least}..{most}"
+            raise ValueError(f"expected {wanted}, got {number}")
+        return number
+
+    return tyro.constructors.PrimitiveConstructorSpec(
+        nargs=1,
+        metavar="INT",
+        instance_from_str=read,
+        is_instance=lambda value: isinstance(value, int),
+        str_from_instance=lambda value: [str(value)],
+    )
+
+
+Seed = Annotated[int, _whole(0)]
+Count = Annotated[int, _whole(1)]
+Listening = Annotated[int, _whole(0, 65535)]

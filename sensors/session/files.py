@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from sensors import files
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
-from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
+from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE, check_apart
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import ReplaySource
@@ -130,11 +130,12 @@ def export(
         raise InputError(f"{out}: expected a name that ends in .mkv, got {out.suffix or 'none'!r}")
     if not out.parent.is_dir():
         raise InputError(f"{out}: expected an existing folder, got {out.parent}; create it first")
-    with Recording(folder) as recording:
+    check_apart(Path(folder), out)
+    with Recording(folder) as recording, files.replacing(out, private=True) as draft:
         shown = bool(recording.eyes) and drop != "eyes"
         if not shown and drop == "audio":
             raise InputError(f"{folder}: expected something to export, got a session without eyes")
-        container: Any = av.open(str(files.create(out, private=True)), "w", format="matroska")
+        container: Any = av.open(str(draft), "w", format="matroska")
         picture: Any = None
         sound: Any = None
         if shown:

@@ -23,6 +23,7 @@ CARD_FILE = "session.json"
 AUDIO_FILE = "audio.wav"
 EYE_FILES = ("eye_left.mkv", "eye_right.mkv")
 TIMELINE_FILE = "timeline.jsonl"
+MOTION_FILE = "motion.npz"  # of made sessions: the true motion, or that of a phone
 MAX_NUMBER = 1 << 62
 
 
@@ -102,12 +103,27 @@ def write_card(folder: Path, card: Mapping[str, Any]) -> None:
     files.write_text(folder / CARD_FILE, json.dumps(card, indent=2) + "\n", private=True)
 
 
+def check_apart(folder: Path, out: Path) -> None:
+    """Raises InputError where `out` is a file of the session, which it would replace."""
+    names = (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE, MOTION_FILE)
+    if out.name in names and out.parent.resolve() == folder.resolve():
+        raise InputError(
+            f"{out}: expected a file beside the session, got one of its own; choose another name"
+        )
+
+
+def _instead(folder: Path) -> str:
+    if folder.is_dir():
+        return "a folder without it"
+    return "a file" if folder.exists() else "no such folder"
+
+
 def read_card(folder: Path) -> dict[str, Any]:
     path = folder / CARD_FILE
-    if not files.check_regular(path).exists():
+    if not folder.is_dir() or not files.check_regular(path).exists():
         raise InputError(
             f"{folder} is not a session: expected a folder with {CARD_FILE}, got "
-            f"{'a folder without it' if folder.is_dir() else 'no such folder'}; "
+            f"{_instead(folder)}; "
             "make one with: livedrive session create DIR --audio x.wav"
         )
     try:

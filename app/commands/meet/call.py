@@ -1,6 +1,7 @@
 """`livedrive call host | join | server | bridge | test`: people meet as driven heads."""
 
 import getpass
+import re
 import sys
 import threading
 from dataclasses import dataclass
@@ -13,8 +14,8 @@ from tyro.conf import Positional, subcommand
 
 from app.commands.live import LiveDriveOptions, ends_on_signals
 from app.commands.meet.server import Bridge, Server, Test
-from app.compose.call import SoundSettings, Switch
-from app.terminal.arguments import File, optional
+from app.compose.settings import SoundSettings, Switch
+from app.terminal.arguments import File, Listening, optional
 from sensors import files
 from sensors.types import InputError
 
@@ -60,6 +61,11 @@ class CallOptions(LiveDriveOptions):
         return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
+        for url in self.ice:
+            if not re.fullmatch(r"(stun|turn)s?:[^\s/]+", url):
+                raise InputError(
+                    f"--ice: expected stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, got {url!r}"
+                )
         settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call
@@ -102,7 +108,7 @@ class CallOptions(LiveDriveOptions):
 class Host(CallOptions):
     """Open a call and print its invite."""
 
-    port: int = 0
+    port: Listening = 0
     """Port to listen on; 0: any free one."""
     address: str = ""
     """Address under which others reach this machine; default: found automatically."""

@@ -1,6 +1,7 @@
 """`livedrive call server | bridge | test`: what a call needs beside people."""
 
 import signal
+import socket
 import sys
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -9,7 +10,7 @@ from shlex import quote
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import File
+from app.terminal.arguments import File, Listening
 from sensors import files
 from sensors.types import InputError
 
@@ -22,7 +23,7 @@ class Server:
     """Folder for its configuration, key and log; created if missing."""
     host: str = "127.0.0.1"
     """Address to listen on; other than on this machine alone it uses TLS."""
-    port: int = 8188
+    port: Listening = 8188
     """Port to listen on."""
     address: str = ""
     """Public address, if a router forwards one to this machine."""
@@ -35,6 +36,7 @@ class Server:
         from app.call.rooms.janus_server import ServerSettings, start
         from app.call.rooms.listen import write_certificate
 
+        _check_free(self.host, self.port)
         self.folder.mkdir(parents=True, exist_ok=True)
         key, pem = self.folder / "key", None
         if not key.exists():
@@ -65,6 +67,18 @@ class Server:
         finally:
             process.kill()
         raise OSError(f"call server: Janus ended with status {status}; see {self.folder}/janus.log")
+
+
+def _check_free(host: str, port: int) -> None:
+    """Janus goes on without a port that it cannot get."""
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    try:
+        socket.create_server((host, port), family=family).close()
+    except OSError as error:
+        raise InputError(
+            f"call server: expected to listen at {host}:{port}, got: {error.strerror or error}; "
+            "choose another --port"
+        ) from None
 
 
 @dataclass(kw_only=True)

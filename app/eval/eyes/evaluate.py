@@ -13,6 +13,7 @@ import numpy as np
 
 from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from app.eval.eyes.clips import EyeClip
@@ -41,6 +42,11 @@ class EyesSettings(EvalSettings):
 
 def evaluate(settings: EyesSettings) -> None:
     """Print every metric; exit with status 1 where a threshold is missed."""
+    if settings.clips < (0 if settings.real else 1) or not settings.seconds > 0:
+        raise InputError(
+            "eval eyes: expected clips of more than 0 s, or --real FOLDER, got "
+            f"--clips {settings.clips} --seconds {settings.seconds:g}"
+        )
     from app.terminal.thresholds import finish
     from encoder.eyes.encoder import load_eye_encoder
     from encoder.inference import WEIGHTS

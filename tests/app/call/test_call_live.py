@@ -12,7 +12,7 @@ from app.call.live.gate import Gate
 from app.call.live.tape import CallTape
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
-from app.compose.call import SoundSettings
+from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
 from render.types import AHEAD
 from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo

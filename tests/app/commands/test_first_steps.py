@@ -103,3 +103,16 @@ def test_help_says_what_each_option_is_in_words(monkeypatch: pytest.MonkeyPatch)
         ]
         faults += [f"{' '.join(words)}: {fault}" for fault in odd + silent]
     assert faults == []
+
+
+def test_the_command_line_starts_without_networks_and_compilers() -> None:
+    """Red before: every help text took 3 s, and Ctrl-C in them showed a traceback."""
+    heavy = {"numba", "scipy", "torch", "onnxruntime"}
+    code = f"import sys, app.main; print(*({heavy} & set(sys.modules)))"
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    assert (done.returncode, done.stdout.strip()) == (0, ""), done.stderr

@@ -143,6 +143,31 @@ def test_export_opens_anywhere_and_is_in_step(tmp_path: Path) -> None:
     assert export(tmp_path / "voice", tmp_path / "voice.mkv")["frames"] == 30
 
 
+def test_export_replaces_no_file_of_the_session(tmp_path: Path) -> None:
+    """Red before: `session export DIR DIR/eye_left.mkv` left an eye of no bytes."""
+    eyes = [video(tmp_path / "l.mkv", 15), video(tmp_path / "r.mkv", 15)]
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.5), eyes)
+    eye = tmp_path / "s" / "eye_left.mkv"
+    whole = eye.read_bytes()
+    with pytest.raises(InputError, match="one of its own"):
+        export(tmp_path / "s", eye)
+    assert eye.read_bytes() == whole
+
+
+def test_an_export_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    """Red before: the older file was emptied first."""
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.5))
+    (tmp_path / "out.mkv").write_text("mine")
+
+    def broken(_: float) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export(tmp_path / "s", tmp_path / "out.mkv", progress=broken)
+    assert (tmp_path / "out.mkv").read_text() == "mine"
+    assert {path.name for path in tmp_path.iterdir()} == {"s", "a.wav", "out.mkv"}
+
+
 def test_info_is_plain_values(tmp_path: Path) -> None:
     eyes = [video(tmp_path / "l.mkv", 30)] * 2
     create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), eyes)

@@ -1,0 +1,156 @@
+"""What will be written is judged before the work: a wrong name costs nothing, no file is lost."""
+
+import shutil
+import socket
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import soundfile
+
+from app.commands.replay import Replay
+from app.commands.session import CreateSession
+from app.main import main
+
+SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
+
+
+def told(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    """What the command says where it ends with status 2."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["livedrive", *words])
+        with pytest.raises(SystemExit) as end:
+            main()
+    assert end.value.code == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("avatar show ada --picture {}/a.xyz", ".png, .jpg, .jpeg, got 'a.xyz'"),
+        ("avatar show ada --picture {}/a.jpg --background transparent", "a PNG to write"),
+        ("avatar show ada --picture {}/none/a.png", "mkdir -p"),
+        ("avatar export ada {}/a.glb", ".ply, got 'a.glb'"),
+        ("avatar turn ada {}/none/a.mp4", "mkdir -p"),
+        ("replay recordings/smoke --arkit {}/a.npz", ".csv, got 'a.npz'"),
+        ("replay recordings/smoke --report {}/none/a.json", "mkdir -p"),
+        ("bench --report {}/none/a.json", "mkdir -p"),
+        ("eval head --plot {}/a.xyz", "got 'a.xyz'"),
+        ("eval ab {0} {0} --out {0}/a.txt", ".html, got 'a.txt'"),
+        ("capture inspect {} --picture {}/a.xyz", "got 'a.xyz'"),
+    ],
+)
+def test_a_wrong_name_is_refused_before_the_work(
+    words: str, expected: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: tracebacks of Pillow and Matplotlib after it, reports lost, a.npz full of text.
+
+    A file of that name stays as it was."""
+    for name in ("a.xyz", "a.jpg", "a.glb", "a.npz", "a.txt"):
+        (tmp_path / name).write_text("mine")
+    assert expected in told(words.replace("{}", str(tmp_path)).format(tmp_path).split(), capsys)
+    assert {path.read_text() for path in tmp_path.iterdir()} == {"mine"}
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        "eval ab . . --seed -1",
+        "bench fuzz --seed -1",
+        "bench fuzz --num 0",
+        "capture data --seed -1",
+        "capture data --processes 0",
+    ],
+)
+def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: tracebacks of NumPy and of multiprocessing."""
+    assert "or more, got" in told(words.split(), capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        ("call host --port 99999 --headless --mic none", "expected 0..65535"),
+        ("call server DIR --port 99999", "expected 0..65535"),
+        ("call host --ice bogus --headless --mic none", "expected stun:HOST:PORT"),
+        ("eval eyes --clips 0", "--real FOLDER"),
+        ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
+    ],
+)
+def test_a_wrong_word_is_told_at_once(
+    words: str, expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: a traceback of the call's process, a server that nobody reached, a call without
+    the servers that were asked for, an evaluation of nothing that succeeded."""
+    assert expected in told(words.split(), capsys)
+
+
+def test_a_server_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: Janus went on without it, and the line to type next led nowhere."""
+    with socket.create_server(("127.0.0.1", 0)) as held:
+        port = held.getsockname()[1]
+        said = told(f"call server {tmp_path} --port {port}".split(), capsys)
+    assert "choose another --port" in said and not any(tmp_path.iterdir())
+
+
+def test_nothing_is_measured_on_no_frames(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: `bench` passed every threshold, `eval head` ended in a traceback."""
+    soundfile.write(tmp_path / "a.wav", np.zeros(100, np.float32), 48_000)
+    CreateSession(folder=tmp_path / "s", audio=tmp_path / "a.wav").run()
+    assert "with frames" in told(f"bench --session {tmp_path}/s".split(), capsys)
+    assert "1 s or more" in told(f"eval head --session {tmp_path}/s".split(), capsys)
+
+
+def test_a_bench_takes_a_time(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "expected more than 0" in told(["bench", "web", "--minutes", "nan"], capsys)
+
+
+@pytest.mark.parametrize(
+    "words", ["replay {}", "session info {}", "session create {}/x --audio {}"]
+)
+def test_a_file_is_no_folder(
+    words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: status 1, "what was written before it is kept"."""
+    (tmp_path / "file").write_text("mine")
+    told(words.replace("{}", str(tmp_path / "file")).split(), capsys)
+
+
+def test_a_replay_replaces_no_file_of_its_session(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: the video of the head took the place of an eye that was being read."""
+    shutil.copytree(SMOKE, tmp_path / "s")
+    told(f"replay {tmp_path}/s --video {tmp_path}/s/eye_left.mkv".split(), capsys)
+    assert (tmp_path / "s" / "eye_left.mkv").read_bytes() == (SMOKE / "eye_left.mkv").read_bytes()
+
+
+def test_lost_eye_pictures_are_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: codes of another session, and not a word."""
+    shutil.copytree(SMOKE, tmp_path / "s")
+    eye = tmp_path / "s" / "eye_left.mkv"
+    eye.write_bytes(eye.read_bytes()[:60_000])
+    Replay(session=tmp_path / "s", condition="eyes").run()
+    assert "eye pictures are missing" in capsys.readouterr().err
+
+
+def test_a_sound_shorter_than_a_frame_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    soundfile.write(tmp_path / "a.wav", np.zeros(100, np.float32), 48_000)
+    CreateSession(folder=tmp_path / "s", audio=tmp_path / "a.wav").run()
+    assert "shorter than one frame" in capsys.readouterr().out
+
+
+def test_a_folder_takes_the_place_of_no_file(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: status 1."""
+    (tmp_path / "file").write_text("mine")
+    words = ["replay", str(SMOKE), "--pictures", str(tmp_path / "file"), "--size", "64"]
+    assert "got a file; choose another" in told(words, capsys)
+    assert (tmp_path / "file").read_text() == "mine"
