@@ -10,7 +10,7 @@ from material import frames, tone, video, wav
 
 from sensors.session.files import create, export, info
 from sensors.session.recording import Recording
-from sensors.types import NS, SAMPLE_RATE
+from sensors.types import NS, SAMPLE_RATE, InputError
 
 
 def values(folder: Path, eye: int) -> list[int]:
