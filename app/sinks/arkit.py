@@ -6,10 +6,11 @@ from pathlib import Path
 from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES, arkit
 from app.sinks.protocols.livelink import eye_angles
+from app.terminal import outputs
 from render.decoder.decoder import Decoder
 from sensors import files
 from sensors.head import livelink
-from sensors.types import FPS, InputError
+from sensors.types import FPS
 
 _ANGLES = ("Yaw", "Pitch", "Roll")
 _EXTRA = [f"{part}{angle}" for part in ("Head", "LeftEye", "RightEye") for angle in _ANGLES]
@@ -19,8 +20,7 @@ class ArkitSink:
     """A CSV like Live Link Face's: timecode, count, 52 blendshapes, head and eye angles (rad)."""
 
     def __init__(self, path: Path, decoder: Decoder) -> None:
-        if not path.parent.is_dir():
-            raise InputError(f"--arkit: expected a folder {path.parent}, got none; create it first")
+        outputs.check("--arkit", path)
         self._path, self._decoder = path, decoder
 
     def on_start(self, info: RunInfo) -> None:

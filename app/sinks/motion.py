@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES, arkit
+from app.terminal import outputs
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from sensors import files
@@ -21,10 +22,7 @@ class MotionSink:
     def __init__(self, path: Path, decoder: Decoder, identity: Identity) -> None:
         if path.suffix != ".npz":
             raise InputError(f"--motion: expected a name ending in .npz, got {path.name!r}")
-        if not path.parent.is_dir():
-            raise InputError(
-                f"--motion: expected a folder {path.parent}, got none; create it first"
-            )
+        outputs.check("--motion", path)
         self._path, self._decoder, self._identity = path, decoder, identity
         self._frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
         self._heads: list[tuple[float, ...]] = []

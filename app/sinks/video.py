@@ -12,24 +12,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.drive.sink import FrameResult, RunInfo
-from app.terminal.outputs import VIDEOS
+from app.terminal import outputs
 from sensors import files
-from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME, InputError
+from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 
 class VideoSink:
     """Every tick is one picture; a tick without a picture repeats the last one."""
 
     def __init__(self, path: Path) -> None:
-        if path.suffix.lower() not in VIDEOS:
-            raise InputError(
-                f"--video: expected a name ending in {', '.join(VIDEOS)}, got {path.name!r}; "
-                f"try --video {path.stem or 'out'}.mp4"
-            )
-        if not path.parent.is_dir():
-            raise InputError(
-                f"--video: expected a folder {path.parent}, got none; run: mkdir -p {path.parent}"
-            )
+        outputs.check("--video", path, outputs.VIDEOS)
         self._path = path
         self._last: NDArray[np.uint8] | None = None
         self._count = 0
@@ -81,9 +73,7 @@ def film(
     """Pictures [H, W, 3 or 4] of one size, at FPS, and their sound [n], if they have one."""
     import av
 
-    if path.suffix.lower() not in VIDEOS:
-        known = ", ".join(VIDEOS)
-        raise InputError(f"video: expected a name ending in {known}, got {path.name!r}; try .mp4")
+    outputs.check("video", path, outputs.VIDEOS)
     opened: Any = av.open(str(files.create(path)), "w")
     with opened as container:
         stream = voice = None

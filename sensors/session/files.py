@@ -128,8 +128,6 @@ def export(
     out = Path(out)
     if out.suffix.lower() != ".mkv":
         raise InputError(f"{out}: expected a name that ends in .mkv, got {out.suffix or 'none'!r}")
-    if not out.parent.is_dir():
-        raise InputError(f"{out}: expected an existing folder, got {out.parent}; create it first")
     check_apart(Path(folder), out)
     with Recording(folder) as recording, files.replacing(out, private=True) as draft:
         shown = bool(recording.eyes) and drop != "eyes"
