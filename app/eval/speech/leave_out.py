@@ -8,7 +8,7 @@ measured on the same clips (articulation.py).
 
 # pyright: reportMissingTypeStubs=false
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,18 +52,21 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
     mesh = face_mesh(settings.avatar)
     drivers = drivers_of(data, settings.weights)
     takes = {name: list(tracked_takes(folder, name)) for name in drivers}
-    others = [take.audio for name in takes for take in takes[name][:2]]
-    changes: dict[str, tuple[Change | None, int]] = {  # and how often each is drawn
-        "": (None, 1),
-        "babble_": (babble(others, settings.seed), BABBLE_DRAWS),
-        "telephone_": (telephone(), 1),
+    sounds = {name: [take.audio for take in takes[name][:2]] for name in takes}
+    below = {name: babble(everyone_but(name, sounds), settings.seed) for name in takes}
+    changes: dict[str, tuple[Mapping[str, Change | None], int]] = {  # and how often each is drawn
+        "": (dict.fromkeys(takes), 1),
+        "babble_": (below, BABBLE_DRAWS),
+        "telephone_": (dict.fromkeys(takes, telephone()), 1),
     }
     metrics: dict[str, float] = {}
     said = None
     for prefix, (change, draws) in changes.items():
-        drawn = [{n: followed(drivers[n], takes[n], change) for n in drivers} for _ in range(draws)]
+        drawn = [
+            {n: followed(drivers[n], takes[n], change[n]) for n in drivers} for _ in range(draws)
+        ]
         rows = {n: averaged([figures_of(clips[n], mesh) for clips in drawn]) for n in drivers}
-        if change is None:
+        if not prefix:
             said = articulation.tokens_of(drawn[0], settings.avatar)
         show(rows, prefix)
         for name, row in rows.items():
@@ -111,6 +114,11 @@ def show(rows: dict[str, dict[str, float]], prefix: str) -> None:
     for name, row in rows.items():
         table.add_row(name, *(f"{row[c]:.3f}" if c in row else "-" for c in COLUMNS))
     console(width=150).print(table)
+
+
+def everyone_but(name: str, sounds: Mapping[str, list[np.ndarray]]) -> list[np.ndarray]:
+    """Other people's sounds."""
+    return [sound for other in sounds if other != name for sound in sounds[other]]
 
 
 def babble(others: list[np.ndarray], seed: int) -> Change:

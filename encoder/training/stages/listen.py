@@ -161,10 +161,10 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     frames = hear_pack(
         config.pack, ears, recipe, seed=config.run.seed, versions=config.versions,
         noises=config.noises,
-    )  # fmt: skip
+    ).without(config.without)  # fmt: skip
     pieces = SpokenPieces(
         frames, Mouth.of(face), batch=config.batch, length=config.frames, rules=config.rules,
-        rest=config.rest, without=config.without,
+        rest=config.rest,
     )  # fmt: skip
     torch.manual_seed(config.run.seed)  # of the first weights, whoever heard the pack
     listener = new_listener(pieces, student, config)
@@ -199,7 +199,7 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
     mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
-    lines = LipLines.of(pieces, scale, config.without, config.lines)
+    lines = LipLines.of(pieces, scale, config.lines)
     return Listener(direct, contact, student, mouth, scale, lines, mix, rarity)
 
 

@@ -35,13 +35,12 @@ class LipLines:
     def of(
         pieces: SpokenPieces,
         scale: tuple[Tensor, Tensor],
-        without: tuple[str, ...],
         shares: tuple[float, float],
     ) -> "LipLines":
         """Fitted to the plain clips of `pieces` and some frames of each other voice; without plain
         clips the lines have no share."""
         frames, mouth = pieces.frames, pieces.mouth
-        rows = fitted(frames, without)
+        rows = fitted(frames)
         there = torch.tensor(shares)[:, None] * float(len(rows) > 0)
         ways = there * mouth.ways(torch.from_numpy(pieces.truth))
         heard = torch.from_numpy(frames.heard[rows].astype(np.float32))
@@ -64,13 +63,13 @@ class LipLines:
         direct.straight.bias.add_(self.offset @ self.ways)
 
 
-def fitted(frames: SpokenFrames, without: tuple[str, ...]) -> np.ndarray:
+def fitted(frames: SpokenFrames) -> np.ndarray:
     """Rows of the frames that lines are fitted to."""
-    plain = np.flatnonzero(frames.plain & ~np.isin(frames.voice, without))
+    plain = np.flatnonzero(frames.plain)
     if not len(plain):
         return plain
     rows = [plain]
-    known = (*np.unique(frames.voice[frames.plain]), REST, *without)
+    known = (*np.unique(frames.voice[frames.plain]), REST)
     for voice in np.setdiff1d(frames.voice, known):
         others = np.flatnonzero(frames.voice == voice)
         rows.append(others[:: max(len(others) // MOST, 1)])

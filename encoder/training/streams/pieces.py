@@ -7,7 +7,6 @@ from torch import Tensor
 from encoder.capture.speech.phones import PHONES
 from encoder.training.mouth import Mouth
 from encoder.training.streams.spoken import REST, RULES, SpokenFrames
-from sensors.types import InputError
 
 LEAST = 1e-3  # share of a phone, added to all
 APART_MM = 1.0  # that lips are when a voice is heard, where phones are not known
@@ -17,29 +16,29 @@ class SpokenPieces:
     """Pieces of at most `length` frames.
 
     rules, rest: weights of rule-made motion and of sounds without a voice, where real talkers have
-    1; without: talkers left out.
+    1.
     """
 
     def __init__(
         self, frames: SpokenFrames, mouth: Mouth, *, batch: int, length: int, rules: float,
-        rest: float, without: tuple[str, ...] = (),
+        rest: float,
     ) -> None:  # fmt: skip
         self.frames, self.mouth, self.batch, self.length = frames, mouth, batch, length
         codes = mouth.face.rig_to_code(frames.rig.astype(np.float32))
-        self.truth = (codes @ mouth.read).astype(np.float32)
         self.own = frames.own.astype(np.float32) @ mouth.read
+        self.truth = (codes @ mouth.read).astype(np.float32)
+        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
+        voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
+        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
         ends = np.cumsum(frames.lengths)
         self._places = np.array([
             (first, min(length, int(end) - first))
             for end, count in zip(ends, frames.lengths, strict=True)
             for first in range(int(end - count), int(end), length)
         ])  # fmt: skip
-        weight = voice_weights(frames.voice, rules, rest, without)
+        weight = voice_weights(frames.voice, rules, rest)
         chances = weight[self._places[:, 0]] * self._places[:, 1]
         self._chances = chances / chances.sum()
-        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
-        voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
-        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
 
     def draw(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """heard [B, T, D], own and truth [B, T, MOUTH]; phones [B, T], voiced (1, 0 or -1: not
@@ -56,16 +55,10 @@ class SpokenPieces:
         return tuple(torch.from_numpy(part) for part in parts)
 
 
-def voice_weights(
-    voice: np.ndarray, rules: float, rest: float, without: tuple[str, ...]
-) -> np.ndarray:
-    """Weights [N]: a talker gets the root of the number of frames, 0 if left out; sum 1."""
-    talkers = sorted(set(voice.tolist()) - {RULES, REST})
-    for name in without:
-        if name not in talkers:
-            raise InputError(f"--leave-out: expected one of {', '.join(talkers)}, got {name!r}")
+def voice_weights(voice: np.ndarray, rules: float, rest: float) -> np.ndarray:
+    """Weights [N]: a talker gets the root of the number of frames; sum 1."""
     weight = np.zeros(len(voice))
-    for name in set(talkers) - set(without):
+    for name in set(voice.tolist()) - {RULES, REST}:
         weight[voice == name] = 1 / np.sqrt((voice == name).sum())
     weight /= max(weight.sum(), 1e-9)
     for name, share in ((RULES, rules), (REST, rest)):

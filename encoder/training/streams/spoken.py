@@ -19,6 +19,7 @@ from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
 from encoder.training.streams.augment import Crop, Noise, crop, not_speech
 from encoder.training.streams.streams import AHEAD, warped
+from sensors.types import InputError
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
@@ -83,6 +84,19 @@ class SpokenFrames:
     voice: np.ndarray  # [N] str, the talker's, RULES or REST
     lengths: np.ndarray  # [C] int64 frames of the clips
     plain: np.ndarray  # [N] bool: of few clips, phones known, undistorted but for other voices
+
+    def without(self, names: tuple[str, ...]) -> "SpokenFrames":
+        """The same without these talkers; raise InputError where there is no such talker."""
+        talkers = sorted(set(self.voice.tolist()) - {RULES, REST})
+        for name in names:
+            if name not in talkers:
+                raise InputError(f"--leave-out: expected one of {', '.join(talkers)}, got {name!r}")
+        if not names:
+            return self
+        kept = ~np.isin(self.voice, names)
+        parts = {name: part[kept] for name, part in vars(self).items() if name != "lengths"}
+        clips = np.repeat(np.arange(len(self.lengths)), self.lengths)[kept]
+        return SpokenFrames(**parts, lengths=np.unique(clips, return_counts=True)[1])
 
 
 def hear_pack(

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from app.eval.speech.leave_out import averaged, babble, telephone
+from app.eval.speech.leave_out import averaged, babble, everyone_but, telephone
 
 
 def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
@@ -15,6 +15,11 @@ def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
         assert abs(20 * np.log10(sound.std() / noise.std()) - 10) < 0.1
     assert abs(np.corrcoef(first, second)[0, 1]) < 0.9
     np.testing.assert_array_equal(babble(others, 3)(sound) - sound, first)
+
+
+def test_nobody_talks_below_himself() -> None:
+    sounds = {name: [np.full(3, k)] for k, name in enumerate("abc")}
+    assert [int(sound[0]) for sound in everyone_but("b", sounds)] == [0, 2]
 
 
 def test_figures_are_averaged_over_draws() -> None:
