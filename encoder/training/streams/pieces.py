@@ -15,8 +15,7 @@ APART_MM = 1.0  # that lips are when a voice is heard, where phones are not know
 class SpokenPieces:
     """Pieces of at most `length` frames.
 
-    rules, rest: weights of rule-made motion and of sounds without a voice, where real talkers have
-    1.
+    rules, rest: weights of rule-made motion and of sounds without a voice; real talkers have 1.
     """
 
     def __init__(
@@ -25,11 +24,8 @@ class SpokenPieces:
     ) -> None:  # fmt: skip
         self.frames, self.mouth, self.batch, self.length = frames, mouth, batch, length
         codes = mouth.face.rig_to_code(frames.rig.astype(np.float32))
-        self.own = frames.own.astype(np.float32) @ mouth.read
         self.truth = (codes @ mouth.read).astype(np.float32)
-        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
-        voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
-        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
+        self.own = frames.own.astype(np.float32) @ mouth.read
         ends = np.cumsum(frames.lengths)
         self._places = np.array([
             (first, min(length, int(end) - first))
@@ -39,6 +35,9 @@ class SpokenPieces:
         weight = voice_weights(frames.voice, rules, rest)
         chances = weight[self._places[:, 0]] * self._places[:, 1]
         self._chances = chances / chances.sum()
+        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
+        voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
+        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
 
     def draw(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """heard [B, T, D], own and truth [B, T, MOUTH]; phones [B, T], voiced (1, 0 or -1: not

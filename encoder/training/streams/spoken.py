@@ -18,8 +18,7 @@ from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
 from encoder.training.streams.augment import Crop, Noise, crop, not_speech
-from encoder.training.streams.streams import AHEAD, warped
-from sensors.types import InputError
+from encoder.training.streams.streams import AHEAD, check_left_out, warped
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
@@ -87,10 +86,7 @@ class SpokenFrames:
 
     def without(self, names: tuple[str, ...]) -> "SpokenFrames":
         """The same without these talkers; raise InputError where there is no such talker."""
-        talkers = sorted(set(self.voice.tolist()) - {RULES, REST})
-        for name in names:
-            if name not in talkers:
-                raise InputError(f"--leave-out: expected one of {', '.join(talkers)}, got {name!r}")
+        check_left_out(names, sorted(set(self.voice.tolist()) - {RULES, REST}))
         if not names:
             return self
         kept = ~np.isin(self.voice, names)

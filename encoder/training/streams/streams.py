@@ -6,6 +6,7 @@ once, each stream with its own change of the vocal tract (`warped`).
 """
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -82,6 +83,13 @@ def draw_stream(
 
 WARPS = (0.85, 1.17)  # of the vocal tract's length, as heard
 WARPED = 0.6  # share of streams
+
+
+def check_left_out(names: Sequence[str], talkers: Sequence[str]) -> None:
+    """Raise InputError where one of these is no talker."""
+    for name in names:
+        if name not in talkers:
+            raise InputError(f"--leave-out: expected one of {', '.join(talkers)}, got {name!r}")
 
 
 def warped(encoder: AudioEncoder, rng: np.random.Generator | None) -> AudioEncoder:
@@ -176,12 +184,8 @@ class Streams:
             weight = np.where(rig[..., BLINK] > 0.4, np.float32(BLINK_WEIGHT), weight)
             about = json.loads(str(data["about"]))
             barred = None
-            for talker in without:
-                if talker not in about["voices"]:
-                    raise InputError(
-                        f"--leave-out: expected one of {', '.join(about['voices'][1:])}, got "
-                        f"{talker!r}"
-                    )
+            if without:
+                check_left_out(without, about["voices"][1:])
                 barred = np.isin(data["voices"], [about["voices"].index(name) for name in without])
             return Streams(data["features"], codes, data["gaze"], weight, about, barred)
 

@@ -38,15 +38,16 @@ def test_who_is_left_out_is_gone_clip_by_clip() -> None:
         frames.without(("dan",))
 
 
-def test_pieces_are_of_one_clip() -> None:
-    frames = spoken({"ben": 25, REST: 10}, dim=1)
-    frames.heard[:, 0] = np.arange(35)
-    pieces = SpokenPieces(frames, Mouth.of(FACE), batch=64, length=12, rules=0.0, rest=1.0)
+def test_pieces_are_of_one_clip_and_of_nobody_who_is_left_out() -> None:
+    frames = spoken({"anna": 30, "ben": 25, REST: 10}, dim=1)
+    frames.heard[:, 0] = np.arange(65)
+    left = frames.without(("anna",))
+    pieces = SpokenPieces(left, Mouth.of(FACE), batch=64, length=12, rules=0.0, rest=1.0)
     heard, _, truth, _, voiced, there = pieces.draw(np.random.default_rng(0))
     rows = heard[..., 0][there > 0].long()
-    assert set(rows.tolist()) == set(range(35))
-    np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows])
-    assert (voiced[there > 0][rows >= 25] == 0).all() and (voiced[there > 0][rows < 25] != 0).all()
+    assert set(rows.tolist()) == set(range(30, 65))
+    np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows - 30])
+    assert (voiced[there > 0][rows >= 55] == 0).all() and (voiced[there > 0][rows < 55] != 0).all()
 
 
 def test_other_people_talk_below_the_talker() -> None:
