@@ -5,7 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from app.terminal.arguments import File, Port
+from app.terminal.arguments import HERE, File, Port, check_host
 from sensors.types import InputError
 
 
@@ -25,7 +25,7 @@ class Calibrate:
     web: Port = None
     """Show the targets on a web page at this port, also in a headset, e.g. --web 8443; else the
     terminal names them."""
-    host: str = "127.0.0.1"
+    host: str = HERE
     """Address that --web listens on, as for livedrive run."""
     undo: bool = False
     """Restore the fit before the last calibration; a second --undo takes that back."""
@@ -36,6 +36,7 @@ class Calibrate:
         from app.drive.eye_routine import words_of_fit
         from encoder.eyes.routine import fit
 
+        check_host(self.host, self.web)
         path = self.out or kept.profile_path()
         if [bool(self.eyes), self.session is not None, self.undo].count(True) != 1:
             raise InputError(

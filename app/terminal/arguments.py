@@ -5,6 +5,10 @@ from typing import Annotated
 
 import tyro
 
+from sensors.types import InputError
+
+HERE = "127.0.0.1"  # where a page listens unless told otherwise: this machine alone
+
 
 def optional(metavar: str, text: str | None = None) -> object:
     """An option without a default value: its help names none, not `{None}|PATH (default: None)`."""
@@ -40,3 +44,11 @@ def _whole(
 Seed = Annotated[int, _whole(0)]
 Count = Annotated[int, _whole(1)]
 Listening = Annotated[int, _whole(0, 65535)]
+
+
+def check_host(host: str, web: int | None) -> None:
+    """Raise InputError for an address without a page that would listen there."""
+    if host != HERE and web is None:
+        raise InputError(
+            f"--host {host}: expected a page that listens there, got no --web; add --web 8443"
+        )
