@@ -118,7 +118,8 @@ def parse(url: str) -> Address:
     if parts.scheme not in SCHEMES or not parts.hostname:
         raise problem
     try:
-        port = parts.port or urlsplit(SCHEMES[parts.scheme].example).port
+        usual = urlsplit(SCHEMES[parts.scheme].example).port
+        port = usual if parts.port is None else parts.port
     except ValueError:
         port = None
     path = unquote(parts.path.strip("/"))

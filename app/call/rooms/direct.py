@@ -20,7 +20,7 @@ from app.call.rooms.room import (
     Events,
     LineSettings,
 )
-from app.call.wire.invite import Invite
+from app.call.wire.invite import Invite, in_url
 from app.call.wire.seal import SealError
 from sensors.types import InputError
 
@@ -203,7 +203,7 @@ class DirectGuest(DirectRoom):
         import aiohttp
 
         invite, host = self._invite, self._invite.host
-        url = f"https://[{host}]:{invite.port}" if ":" in host else f"https://{host}:{invite.port}"
+        url = f"https://{in_url(host)}:{invite.port}"
         told = ""  # partner of whom the loss was told
         pin = aiohttp.Fingerprint(invite.fingerprint)
         async with aiohttp.ClientSession() as session:

@@ -22,6 +22,11 @@ TOKEN = re.compile(r"[A-Za-z0-9.,:+/=_-]{1,200}")
 MAX_LENGTH = 600
 
 
+def in_url(host: str) -> str:
+    """A host as URLs have it: an address of IPv6 in brackets."""
+    return f"[{host}]" if ":" in host else host
+
+
 @dataclass(frozen=True)
 class Invite:
     """Whoever has it may join; it is sent to people, never to a server."""
@@ -36,11 +41,10 @@ class Invite:
 
     def __str__(self) -> str:
         scheme = next(name for name, kind in SCHEMES.items() if kind == self.kind)
-        host = f"[{self.host}]" if ":" in self.host else self.host
         query = f"?token={quote(self.token, safe='')}" if self.token else ""
         parts = [self.secret, self.fingerprint] if self.fingerprint else [self.secret]
         fragment = ".".join(_text(part) for part in parts)
-        return f"{scheme}://{host}:{self.port}/{self.room}{query}#{fragment}"
+        return f"{scheme}://{in_url(self.host)}:{self.port}/{self.room}{query}#{fragment}"
 
     def __repr__(self) -> str:  # the secret stands in no log
         return str(replace(self, secret=b"", token="")) + "..."
@@ -48,8 +52,7 @@ class Invite:
     @property
     def url(self) -> str:
         """The WebSocket of the room's server."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"{'wss' if self.fingerprint else 'ws'}://{host}:{self.port}"
+        return f"{'wss' if self.fingerprint else 'ws'}://{in_url(self.host)}:{self.port}"
 
     @property
     def pin(self) -> str:

@@ -35,26 +35,28 @@ class Server:
 
         from app.call.rooms.janus_server import ServerSettings, start
         from app.call.rooms.listen import write_certificate
+        from app.call.wire.invite import in_url
 
-        _check_free(self.host, self.port)
+        host = self.host.strip("[]")  # an address of IPv6 may be given as a URL has it
+        _check_free(host, self.port)
         self.folder.mkdir(parents=True, exist_ok=True)
         key, pem = self.folder / "key", None
         if not key.exists():
             files.write_text(key, secrets.token_hex(16) + "\n", private=True)
         fragment, scheme = "", "ws"
-        if self.host != "127.0.0.1":
+        if host != "127.0.0.1":
             pem = self.folder / "certificate.pem"
             fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
         settings = ServerSettings(
             key=files.read_text(key).strip(),
-            host=self.host,
+            host=host,
             port=self.port,
             public_address=self.address,
             ports=self.media,
             certificate=pem,
         )
         process = start(self.folder, settings)
-        shown = self.address or self.host
+        shown = self.address or in_url(host)
         print(f"next: livedrive call host --room NAME --key {quote(str(key))} \\", flush=True)
         print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
 

@@ -1,14 +1,19 @@
 """What will be written is judged before the work: a wrong name costs nothing, no file is lost."""
 
 import shutil
+import signal
 import socket
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 import soundfile
 
+from app.commands.meet.server import Server
 from app.commands.replay import Replay
 from app.commands.session import CreateSession
 from app.main import main
@@ -93,6 +98,27 @@ def test_a_server_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[s
         port = held.getsockname()[1]
         said = told(f"call server {tmp_path} --port {port}".split(), capsys)
     assert "choose another --port" in said and not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("host", ["::1", "[::1]"])
+def test_a_server_tells_an_address_that_a_call_reads(
+    host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: in brackets the address was unknown, and without them the line to type was none
+    that `call host --server` takes."""
+    given = list[str]()
+
+    def start(folder: Path, settings: Any) -> Any:  # noqa: ARG001
+        given.append(settings.host)
+        return SimpleNamespace(wait=lambda: 1, kill=lambda: None, terminate=lambda: None)
+
+    monkeypatch.setattr("app.call.rooms.janus_server.start", start)
+    monkeypatch.setattr("app.commands.meet.server._check_free", lambda *_: None)
+    monkeypatch.setattr(signal, "signal", lambda *_: None)
+    with pytest.raises(OSError, match="Janus ended"):
+        Server(folder=tmp_path, host=host).run()
+    line = capsys.readouterr().out.split("--server ")[1].strip().strip("'")
+    assert given == ["::1"] and urlsplit(line).hostname == "::1" and urlsplit(line).port == 8188
 
 
 def test_nothing_is_measured_on_no_frames(

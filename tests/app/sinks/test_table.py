@@ -27,6 +27,8 @@ def test_every_example_is_of_its_own_scheme_and_names_the_default_port(name: str
     host, port = parse(example).host, parse(example).port
     assert parse(f"{name}://{host}") == Address(f"{name}://{host}", name, host, port, "")
     assert f":{port}" in example
+    with pytest.raises(InputError, match="expected an address like"):  # no usual port instead of it
+        parse(f"{name}://{host}:0")
 
 
 def test_datagrams_of_all_targets_share_one_thread(decoder: Decoder) -> None:
