@@ -17,6 +17,7 @@ from typing import Any
 import psutil
 from aiohttp import hdrs, web
 
+from app.call.wire.invite import in_url
 from app.process import child
 from app.process.channel import Channel
 from app.web import access, certificate
@@ -150,8 +151,7 @@ class WebServer:
         scheme = ("http" if self._info.page else "ws") + ("s" if token else "")
         hosts = [self._info.host] if token is None else self._hosts()
         query = f"?token={token}" if token else ""
-        named = [f"[{host.strip('[]')}]" if ":" in host else host for host in hosts]
-        return [f"{scheme}://{host}:{port}/{query}" for host in named]
+        return [f"{scheme}://{in_url(host)}:{port}/{query}" for host in hosts]
 
     def _read(self, ended: asyncio.Future[None]) -> None:
         """Take every waiting tick; all go to programs, only the newest to pages."""

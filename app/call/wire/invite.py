@@ -23,8 +23,8 @@ MAX_LENGTH = 600
 
 
 def in_url(host: str) -> str:
-    """A host as URLs have it: an address of IPv6 in brackets."""
-    return f"[{host}]" if ":" in host else host
+    """A host as URLs have it: an address of IPv6 in brackets, whether it had some or not."""
+    return f"[{host.strip('[]')}]" if ":" in host else host
 
 
 @dataclass(frozen=True)

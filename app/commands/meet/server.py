@@ -10,7 +10,7 @@ from shlex import quote
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import File, Listening
+from app.terminal.arguments import HERE, File, Listening
 from sensors import files
 from sensors.types import InputError
 
@@ -21,7 +21,7 @@ class Server:
 
     folder: Positional[Path]
     """Folder for its configuration, key and log; created if missing."""
-    host: str = "127.0.0.1"
+    host: str = HERE
     """Address to listen on; other than on this machine alone it uses TLS."""
     port: Listening = 8188
     """Port to listen on."""
@@ -44,7 +44,7 @@ class Server:
         if not key.exists():
             files.write_text(key, secrets.token_hex(16) + "\n", private=True)
         fragment, scheme = "", "ws"
-        if host != "127.0.0.1":
+        if host != HERE:
             pem = self.folder / "certificate.pem"
             fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
         settings = ServerSettings(
@@ -56,7 +56,7 @@ class Server:
             certificate=pem,
         )
         process = start(self.folder, settings)
-        shown = self.address or in_url(host)
+        shown = in_url(self.address or host)
         print(f"next: livedrive call host --room NAME --key {quote(str(key))} \\", flush=True)
         print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
 

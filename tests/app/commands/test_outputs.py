@@ -100,9 +100,15 @@ def test_a_server_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[s
     assert "choose another --port" in said and not any(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("host", ["::1", "[::1]"])
+@pytest.mark.parametrize(
+    ("host", "address"), [("::1", ""), ("[::1]", ""), ("::1", "2001:db8::7"), ("::1", "[::7]")]
+)
 def test_a_server_tells_an_address_that_a_call_reads(
-    host: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    host: str,
+    address: str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Red before: in brackets the address was unknown, and without them the line to type was none
     that `call host --server` takes."""
@@ -116,9 +122,10 @@ def test_a_server_tells_an_address_that_a_call_reads(
     monkeypatch.setattr("app.commands.meet.server._check_free", lambda *_: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)
     with pytest.raises(OSError, match="Janus ended"):
-        Server(folder=tmp_path, host=host).run()
+        Server(folder=tmp_path, host=host, address=address).run()
     line = capsys.readouterr().out.split("--server ")[1].strip().strip("'")
-    assert given == ["::1"] and urlsplit(line).hostname == "::1" and urlsplit(line).port == 8188
+    named = address.strip("[]") or "::1"
+    assert given == ["::1"] and urlsplit(line).hostname == named and urlsplit(line).port == 8188
 
 
 def test_nothing_is_measured_on_no_frames(
