@@ -1,29 +1,20 @@
 """Mouth details that a face tracker misses, added to its curves by the rules.
 
-Between the importers of tracked motion and the data set. A tracker's blendshapes hardly know how
-wide the lips are (GRID's main talker: 1.1 mm of deviation where lips' landmarks have 3.3, and none
-of it follows s, i or w), lose closures between two of its pictures, and do not know the lower lip
-on the teeth. The phones tell all three; how far the lips are apart stays the tracker's.
+Between the importers of tracked motion and the data set. A tracker's blendshapes lose closures
+between two of its pictures, and know neither the lower lip on the teeth nor the tongue. The phones
+tell all three; how far the lips are apart and how wide they are stays the tracker's: the rules'
+widths differ from a talker's own.
 """
 
 import numpy as np
 
 from encoder.capture.motion import closures, rules
-from encoder.capture.motion.channels import JAW_OPEN, MOUTH_CLOSE, RIG_INDEX, RIG_NAMES
+from encoder.capture.motion.channels import MOUTH_CLOSE
 from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.shift import best_shift
 from encoder.capture.motion.style import Style
 from encoder.capture.speech.phones import LIP_CLOSING, TEETH_TOUCHING, Phone
 
-_WIDTH = [
-    RIG_INDEX[name]
-    for name in (
-        "mouthStretch_L", "mouthStretch_R", "mouthDimple_L", "mouthDimple_R", "mouthPucker",
-        "mouthFunnel",
-    )
-]  # fmt: skip
-_JAW = closures.closing_weight(np.eye(len(RIG_NAMES))[JAW_OPEN])  # that an open jaw opens the lips
-BY_RULES = 0.5  # of the width that the rules ask for beyond the tracked one: they err differently
 SYNC_R = 0.4  # of tracked and rule-made opening, below which labels do not follow their sound
 SYNC_FRAMES = 4  # that they may be early or late
 
@@ -69,13 +60,6 @@ def articulated(
     style: Style,
     lips: LipGeometry | None,
 ) -> np.ndarray:
-    """[T, 53] with the lips' width, closures of p b m and the tuck of f v as the phones ask.
-
-    What wider lips open more, the jaw opens less.
-    """
-    made, close, touch = _asked(phones, rules.frame_times(len(curves)), style)
-    result = curves.copy()
-    result[:, _WIDTH] += BY_RULES * np.maximum(made[:, _WIDTH] - curves[:, _WIDTH], 0)
-    more = closures.closing_weight(result) - closures.closing_weight(curves)
-    result[:, JAW_OPEN] = np.maximum(result[:, JAW_OPEN] - more / _JAW, 0)
-    return np.clip(closures.with_contacts(result, close, touch, style, lips), 0, 1)
+    """[T, 53] with closures of p b m and the tuck of f v as the phones ask."""
+    _, close, touch = _asked(phones, rules.frame_times(len(curves)), style)
+    return np.clip(closures.with_contacts(curves.copy(), close, touch, style, lips), 0, 1)

@@ -38,8 +38,8 @@ from encoder.training.streams.whitening import Whitening
 from sensors.types import InputError
 
 TRUTH = (
-    "mouth: made by rules from phones, by a face tracker (GRID; lips' width, closures "
-    "and tucks by rules) or a solved capture (FACEGOOD); eyes, lids and brows: made by rules"
+    "mouth: made by rules from phones, by a face tracker (GRID; closures and tucks by rules) "
+    "or a solved capture (FACEGOOD); eyes, lids and brows: made by rules"
 )
 
 
