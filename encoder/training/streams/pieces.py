@@ -6,10 +6,10 @@ from torch import Tensor
 
 from encoder.capture.speech.phones import PHONES
 from encoder.training.mouth import Mouth
+from encoder.training.streams.lip_width import APART_MM, levelled
 from encoder.training.streams.spoken import REST, RULES, SpokenFrames
 
 LEAST = 1e-3  # share of a phone, added to all
-APART_MM = 1.0  # that lips are when a voice is heard, where phones are not known
 
 
 class SpokenPieces:
@@ -24,7 +24,7 @@ class SpokenPieces:
     ) -> None:  # fmt: skip
         self.frames, self.mouth, self.batch, self.length = frames, mouth, batch, length
         codes = mouth.face.rig_to_code(frames.rig.astype(np.float32))
-        self.truth = (codes @ mouth.read).astype(np.float32)
+        truth = (codes @ mouth.read).astype(np.float32)
         self.own = frames.own.astype(np.float32) @ mouth.read
         ends = np.cumsum(frames.lengths)
         self._places = np.array([
@@ -35,9 +35,10 @@ class SpokenPieces:
         weight = voice_weights(frames.voice, rules, rest)
         chances = weight[self._places[:, 0]] * self._places[:, 1]
         self._chances = chances / chances.sum()
-        apart = mouth.gap(torch.from_numpy(self.truth)).numpy() > APART_MM
+        apart = mouth.gap(torch.from_numpy(truth)).numpy() > APART_MM
         voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
         self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
+        self.truth = levelled(truth, frames.voice, self.voiced == 1, mouth)
 
     def draw(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """heard [B, T, D], own and truth [B, T, MOUTH]; phones [B, T], voiced (1, 0 or -1: not
