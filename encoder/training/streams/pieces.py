@@ -10,6 +10,7 @@ from encoder.training.streams.lip_width import APART_MM, levelled
 from encoder.training.streams.spoken import REST, RULES, SpokenFrames
 
 LEAST = 1e-3  # share of a phone, added to all
+EARLY = 0.25  # of a frame by which lips are asked before the labels: in doubt they open late
 
 
 class SpokenPieces:
@@ -38,7 +39,8 @@ class SpokenPieces:
         apart = mouth.gap(torch.from_numpy(truth)).numpy() > APART_MM
         voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
         self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
-        self.truth = levelled(truth, frames.voice, self.voiced == 1, mouth)
+        truth = levelled(truth, frames.voice, self.voiced == 1, mouth)
+        self.truth = earlier(truth, frames.lengths)
 
     def draw(self, rng: np.random.Generator) -> tuple[Tensor, ...]:
         """heard [B, T, D], own and truth [B, T, MOUTH]; phones [B, T], voiced (1, 0 or -1: not
@@ -53,6 +55,14 @@ class SpokenPieces:
             there.astype(np.float32),
         )  # fmt: skip
         return tuple(torch.from_numpy(part) for part in parts)
+
+
+def earlier(truth: np.ndarray, lengths: np.ndarray) -> np.ndarray:
+    """Clips of these lengths, end to end [N, MOUTH] -> the same, EARLY of a frame before."""
+    following = np.append(truth[1:], truth[-1:], axis=0)
+    last = np.cumsum(lengths) - 1
+    following[last] = truth[last]
+    return (1 - EARLY) * truth + EARLY * following
 
 
 def voice_weights(voice: np.ndarray, rules: float, rest: float) -> np.ndarray:

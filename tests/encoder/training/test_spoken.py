@@ -6,7 +6,13 @@ from training_material import FACE, spoken
 
 from encoder.training.mouth import Mouth
 from encoder.training.streams.augment import distort
-from encoder.training.streams.pieces import SpokenPieces, phone_weights, voice_weights
+from encoder.training.streams.pieces import (
+    EARLY,
+    SpokenPieces,
+    earlier,
+    phone_weights,
+    voice_weights,
+)
 from encoder.training.streams.spoken import REST, RULES, Crowd
 from sensors.types import InputError
 
@@ -48,6 +54,20 @@ def test_pieces_are_of_one_clip_and_of_nobody_who_is_left_out() -> None:
     assert set(rows.tolist()) == set(range(30, 65))
     np.testing.assert_array_equal(truth[there > 0], pieces.truth[rows - 30])
     assert (voiced[there > 0][rows >= 55] == 0).all() and (voiced[there > 0][rows < 55] != 0).all()
+
+
+def test_lips_are_asked_early_and_never_by_the_next_clip() -> None:
+    truth = np.array([[0, 1], [4, 1], [4, 9], [80, 0], [0, 0]], np.float32)
+    found = earlier(truth, np.array([3, 1, 1]))
+    np.testing.assert_allclose(found[:2], [[4 * EARLY, 1], [4, 1 + 8 * EARLY]])
+    np.testing.assert_array_equal(found[2:], truth[2:])
+    assert found.dtype == np.float32
+    pieces = SpokenPieces(
+        spoken({RULES: 30, REST: 25}), Mouth.of(FACE), batch=4, length=12, rules=1.0, rest=1.0
+    )
+    plain = pieces.mouth.face.rig_to_code(pieces.frames.rig.astype(np.float32)) @ pieces.mouth.read
+    wanted = earlier(plain, pieces.frames.lengths)
+    np.testing.assert_allclose(pieces.truth, wanted, atol=1e-4)
 
 
 def test_other_people_talk_below_the_talker() -> None:
