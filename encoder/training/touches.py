@@ -12,7 +12,8 @@ from torch.nn import functional
 from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX, TEETH_TOUCHING, VOWELS
 from encoder.training.geometry import NEAR_FRAMES
 
-SHUT_MM, OPEN_MM = 0.2, 1.6  # what becomes of the lips in p, b, m, and in open vowels
+SHUT_MM = 0.2  # what becomes of the lips in p, b, m
+OPEN_MM, PARTED_MM = 1.6, 1.2  # how far apart they stay in open vowels, and in all else said
 TUCKED, LOOSE = 0.42, 0.08  # how far the lower lip rolls in f and v, and may beyond the truth
 
 
@@ -24,15 +25,16 @@ def meeting(
     there: Tensor,  # [B, T] 1 where a frame is
     rarity: Tensor,  # [P + 1] weight of a frame by its phone
 ) -> dict[str, Tensor]:
-    """Lips shut for p, b and m, stay open in vowels (or as they are, where phones are unknown), and
-    are moved no further than needed."""
+    """Lips shut for p, b and m, stay open in vowels (or as they are, where phones are unknown) and
+    apart in all else that is said far from p, b and m, and are moved no further than needed."""
     asked = _is(phones, LIP_CLOSING)
     closing = asked & (_least(wanted) < 1)
     idle = _far_from(asked)
     moves = moved.square() * there
     open_ = (_is(phones, VOWELS) | (phones < 0)) & (wanted > 2.5)
     missed = (_least(now) - SHUT_MM).relu().square() * closing * there * rarity[phones]
-    false = (OPEN_MM - now).relu().square() * open_ * there
+    floor = torch.where(open_, OPEN_MM, torch.where((phones > 0) & idle, PARTED_MM, -torch.inf))
+    false = (floor - now).relu().square() * there
     count = there.sum()
     return {
         "miss": 10 * missed.sum() / count,

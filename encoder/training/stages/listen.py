@@ -72,7 +72,7 @@ class ListenConfig:
     voice_weight: float = 4.0
     heard_weight: float = 1.0  # of a missed voice, in it; with 1.3 keys move lips .5 to .8 mm
     miss_weight: float = 8.0  # of lips that are not shut for p, b and m
-    false_weight: float = 3.0  # of lips that are shut in open vowels
+    false_weight: float = 12.0  # of lips that are shut in what is said far from p, b and m
     loose_weight: float = 400.0  # of a lower lip that is not on the teeth for f and v
     tucked_weight: float = 100.0  # of one that is, elsewhere
     effort_weight: float = 1.0  # of what the contact head moves near p, b and m
