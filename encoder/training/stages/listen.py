@@ -51,7 +51,7 @@ class ListenConfig:
     hidden: int = 256
     contact: int = 32
     # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
-    lines: tuple[float, float] = (0.5, 0.75)
+    lines: tuple[float, float] = (0.4, 0.75)
     # slope and offset that the log-odds of a voice get after training: in doubt lips rest
     gate: tuple[float, float] = (2.0, -1.5)
     drop: float = 0.4  # dropout: share of hidden units left out in a step

@@ -17,8 +17,8 @@ from encoder.denoiser.direct import Direct
 from encoder.training.streams.pieces import SpokenPieces
 from encoder.training.streams.spoken import REST, SpokenFrames
 
-COMPONENTS = (90, 20)  # of the opening, of the width, whose labels say less
-RIDGE = 3e-3  # of the components' mean variance
+COMPONENTS = (90, 500)  # of the opening, of the width; at most as many as there are inputs
+RIDGES = (3e-3, 3e-2)  # of the components' mean variance
 MOST = 2000  # frames of a voice that has no plain clips
 
 
@@ -88,8 +88,9 @@ def fit_lines(seen: Tensor, spans: Tensor, talkers: np.ndarray) -> tuple[Tensor,
     variance, ways = torch.linalg.eigh(apart.T @ apart)
     drawn = ways.T @ (apart.T @ ((spans - mean) * weight.sqrt()[:, None]))
     lines = torch.zeros_like(drawn)
-    for span, count in enumerate(COMPONENTS):
-        least = RIDGE * variance[-count:].mean()
+    for span, (most, ridge) in enumerate(zip(COMPONENTS, RIDGES, strict=True)):
+        count = min(most, seen.shape[1])
+        least = ridge * variance[-count:].mean()
         share = drawn[-count:, span] / (variance[-count:] + least).clamp(min=1e-9)
         lines[:, span] = ways[:, -count:] @ share
     return lines.float(), (mean - middle @ lines).float()

@@ -7,6 +7,7 @@ from training_material import FACE, spoken
 from encoder.denoiser.config import MOUTH
 from encoder.denoiser.direct import Direct
 from encoder.training.mouth import Mouth
+from encoder.training.streams import lip_lines
 from encoder.training.streams.lip_lines import MOST, LipLines, fit_lines, fitted
 from encoder.training.streams.pieces import SpokenPieces
 from encoder.training.streams.spoken import REST, RULES
@@ -19,8 +20,19 @@ def noise(seed: int, *shape: int) -> torch.Tensor:
 def test_lines_are_found_again() -> None:
     seen, lines = noise(0, 900, 12), noise(1, 12, 2)
     weight, offset = fit_lines(seen, seen @ lines + 3, np.repeat("anna", 900))
-    torch.testing.assert_close(weight, lines, atol=0.03, rtol=0.03)
+    drawn = 1 + torch.tensor(lip_lines.RIDGES)  # to zero: all components vary alike
+    torch.testing.assert_close(weight, lines / drawn, atol=0.03, rtol=0.03)
     torch.testing.assert_close(offset, torch.tensor([3.0, 3.0]), atol=0.05, rtol=0)
+
+
+def test_the_width_has_more_components_and_a_stronger_ridge() -> None:
+    strength = torch.where(torch.arange(120) < 90, 3.0, 1.0)  # the first 90 are the opening's
+    seen, line = noise(0, 4000, 120) * strength, noise(1, 120, 1).expand(-1, 2)
+    weight, _ = fit_lines(seen, seen @ line, np.repeat("anna", 4000))
+    opening, width = (weight * line).T
+    assert opening[90:].abs().mean() < 0.1 < 0.8 < width[90:].mean() / line[90:, 0].square().mean()
+    kept = [part[:90].sum() / line[:90, 0].square().sum() for part in (opening, width)]
+    assert 0.99 < kept[0] < 1.01 and 0.96 < kept[1] < 0.98
 
 
 def test_each_talker_counts_alike() -> None:
