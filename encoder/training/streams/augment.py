@@ -13,6 +13,7 @@ from encoder.capture.dataset import PACK_RATE, PACK_SAMPLES_PER_FRAME, Clip
 from encoder.capture.speech.handling import HANDLING
 
 Noise = Callable[[int, np.random.Generator], np.ndarray]  # [n] of about unit RMS
+OTHERS_DB = (3, 26)  # that other voices are below a talker
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,12 +111,13 @@ def room(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 def crop(
-    clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None
-) -> Crop:
+    clip: Clip, frames: int, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None,
+    others_db: tuple[float, float] = OTHERS_DB,
+) -> Crop:  # fmt: skip
     """`frames` frames from a random place in `clip`; a short clip is padded with silence.
 
     Resampling shifts pitch and formants; the motion curves are resampled alike. others: makes other
-    voices, which may be heard with it.
+    voices, which may be heard with it, so many dB below.
     """
     factor = float(rng.uniform(0.84, 1.2)) if rng.random() < p + 0.2 else 1.0
     need = int(np.ceil(frames * factor)) + 1
@@ -141,7 +143,7 @@ def crop(
     phones = np.where(inside < len(labels), labels[np.minimum(inside, len(labels) - 1)], 0)
     rig[inside >= len(labels)] = tongue[inside >= len(labels)] = 0
     return Crop(
-        audio=distort(clean, rng, p, others), clean=clean, rig=rig, tongue=tongue,
+        audio=distort(clean, rng, p, others, others_db), clean=clean, rig=rig, tongue=tongue,
         gaze=gaze.reshape(-1, 2, 3), phones=phones,
     )  # fmt: skip
 
@@ -156,8 +158,9 @@ def _curves(curves: np.ndarray, where: np.ndarray) -> np.ndarray:
 
 
 def distort(
-    clean: np.ndarray, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None
-) -> np.ndarray:
+    clean: np.ndarray, rng: np.random.Generator, p: float = 0.3, others: Noise | None = None,
+    others_db: tuple[float, float] = OTHERS_DB,
+) -> np.ndarray:  # fmt: skip
     """[n] -> [n] float32 in -1..1: room, microphone, other voices, noise, gain, clipping."""
     audio = clean.astype(np.float64)
     if rng.random() < p:
@@ -166,7 +169,7 @@ def distort(
         audio = equalise(audio, rng)
     level = max(float(np.sqrt((audio**2).mean())), 1e-4)
     if others and rng.random() < p + 0.3:
-        audio = audio + level * 10 ** (-rng.uniform(3, 26) / 20) * others(len(audio), rng)
+        audio = audio + level * 10 ** (-rng.uniform(*others_db) / 20) * others(len(audio), rng)
     if rng.random() < p + 0.1:
         make = noise if rng.random() < 0.5 else _any_noise(rng)
         audio = audio + level * 10 ** (-rng.uniform(0, 30) / 20) * make(len(audio), rng)

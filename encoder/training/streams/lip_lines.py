@@ -1,7 +1,7 @@
 """How far the lips are apart and how wide they are, as straight lines of the phones heard.
 
 Beside the network of the direct path, which learns most from the one talker of many clips. A line
-over few principal components learns alike from all: each talker counts as much as another, those of
+over principal components learns alike from all: each talker counts as much as another, those of
 few clips, those of many and made speech. The two err differently; between them, lips of talkers
 never seen are followed better.
 """

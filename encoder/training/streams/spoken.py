@@ -1,8 +1,8 @@
 """Training data of the direct path: phones heard in each frame, and the mouth's motion.
 
 Each clip is heard from its start through random microphones and rooms, some while other people
-talk; with it come the codes of the old chain for the same sound, and many kinds of sounds without a
-voice. Kept in the pack for reuse.
+talk, without a break or in syllables and pauses; with it come the codes of the old chain for the
+same sound, and many kinds of sounds without a voice. Kept in the pack for reuse.
 """
 
 from collections.abc import Iterator
@@ -14,10 +14,10 @@ import torch
 from tqdm import tqdm
 
 from encoder.audio.encoder import AudioEncoder
-from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
+from encoder.capture.dataset import PACK_RATE, PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
-from encoder.training.streams.augment import Crop, Noise, crop, not_speech
+from encoder.training.streams.augment import OTHERS_DB, Crop, Noise, crop, not_speech
 from encoder.training.streams.streams import AHEAD, check_left_out, warped
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
@@ -25,7 +25,9 @@ LONGEST = 300  # frames of a clip
 RARE = 3  # times as many versions of a talker who has few clips
 RULES_KEPT = 0.3  # share of rule-made clips that are heard, to save time
 ALIKE = 0.5  # share of tracked clips whose other voices say words and pauses like theirs
-OTHERS_DB = (6, 14)  # that other voices are below a plain clip
+PLAIN_DB = (6, 14)  # that other voices are below a plain clip
+TRACKED_DB = (2, 18)  # below a tracked clip
+ON_S, OFF_S, EDGE_S = (0.1, 0.5), (0.05, 0.6), 0.01  # of voices in syllables and pauses
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
 
@@ -62,14 +64,33 @@ class Crowd:
     sounds: list[np.ndarray]
 
     def talk(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """[count] unit RMS: one to six voices at once."""
+        """[count] unit RMS: one to six voices at once, half of the times in syllables."""
+        return self._mixed(count, rng, rng.random() < 0.5)
+
+    def in_syllables(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """[count] unit RMS: each of the voices in syllables and pauses of its own."""
+        return self._mixed(count, rng, True)
+
+    def _mixed(self, count: int, rng: np.random.Generator, syllables: bool) -> np.ndarray:
         sound = np.zeros(count)
         for _ in range(int(rng.integers(1, 7))):
             voice = self.sounds[rng.integers(len(self.sounds))]
             start = int(rng.integers(max(len(voice) - count, 0) + 1))
             part = np.resize(voice[start : start + count], count).astype(np.float64)
-            sound += rng.uniform(0.3, 1) * part / max(float(part.std()), 30.0)
+            level = rng.uniform(0.3, 1) / max(float(part.std()), 30.0)
+            sound += level * part * (on_and_off(count, rng) if syllables else 1)
         return sound / max(float(sound.std()), 1e-3)
+
+
+def on_and_off(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[count] 0..1: a voice that comes in syllables of ON_S, between pauses of OFF_S."""
+    pairs = int(count / PACK_RATE / (ON_S[0] + OFF_S[0])) + 3
+    lengths = np.stack([rng.uniform(*ON_S, pairs), rng.uniform(*OFF_S, pairs)], 1).ravel()
+    changes = np.cumsum(lengths) - rng.uniform(0, lengths[0] + lengths[1])  # starts anywhere
+    moments = np.stack([changes - EDGE_S / 2, changes + EDGE_S / 2], 1).ravel()
+    states = np.tile([1.0, 0.0, 0.0, 1.0], pairs)
+    rise = np.interp(np.arange(count) / PACK_RATE, moments, states)
+    return 0.5 - 0.5 * np.cos(np.pi * rise)
 
 
 @dataclass(frozen=True)
@@ -100,7 +121,7 @@ def hear_pack(
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
     path = pack / "spoken.npz"
-    recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, alike"
+    recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, syllables, near"
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
@@ -155,7 +176,7 @@ def _parts(
         yield part, REST, rng, False
     for index, clip in enumerate(few):
         rng = np.random.default_rng([seed, len(clips) + noises + index])
-        for others in (None, same.talk):
+        for others in (None, same.talk, same.in_syllables):
             yield _plain(clip, others, rng), clip.voice, rng, True
 
 
@@ -171,7 +192,7 @@ def _plain(clip: Clip, others: Noise | None, rng: np.random.Generator) -> Crop:
     clean = clip.audio.astype(np.float32) / 32768
     heard = clean
     if others is not None:
-        level = clean.std() * 10 ** (-rng.uniform(*OTHERS_DB) / 20)
+        level = clean.std() * 10 ** (-rng.uniform(*PLAIN_DB) / 20)
         heard = clean + level * others(len(clean), rng).astype(np.float32)
     return Crop(
         audio=heard, clean=clean, rig=clip.rig.astype(np.float32),
@@ -183,4 +204,5 @@ def _plain(clip: Clip, others: Noise | None, rng: np.random.Generator) -> Crop:
 def _cropped(clip: Clip, crowd: Crowd, rng: np.random.Generator) -> Crop:
     frames = min(clip.num_frames, LONGEST)
     others = None if clip.truth == "rest" else crowd.talk
-    return crop(clip, frames, rng, 0.0 if rng.random() < CLEAN else 0.3, others)
+    below = TRACKED_DB if clip.truth == "tracked" else OTHERS_DB
+    return crop(clip, frames, rng, 0.0 if rng.random() < CLEAN else 0.3, others, below)

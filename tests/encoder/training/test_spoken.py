@@ -4,7 +4,10 @@ import numpy as np
 import pytest
 from training_material import FACE, spoken
 
+from encoder.capture.dataset import PACK_RATE, make_clip
+from encoder.capture.motion.channels import RIG_NAMES
 from encoder.training.mouth import Mouth
+from encoder.training.streams import spoken as stream
 from encoder.training.streams.augment import distort
 from encoder.training.streams.pieces import (
     EARLY,
@@ -13,7 +16,7 @@ from encoder.training.streams.pieces import (
     phone_weights,
     voice_weights,
 )
-from encoder.training.streams.spoken import REST, RULES, Crowd
+from encoder.training.streams.spoken import REST, RULES, TRACKED_DB, Crowd, on_and_off
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -74,8 +77,9 @@ def test_other_people_talk_below_the_talker() -> None:
     rng = np.random.default_rng(0)
     tone = (8000 * np.sin(np.arange(9000) * 0.3)).astype(np.int16)
     crowd = Crowd([tone, rng.integers(-900, 900, 30_000).astype(np.int16)])
-    voices = crowd.talk(24_000, rng)
-    assert voices.shape == (24_000,) and voices.std() == pytest.approx(1, rel=0.02)
+    for talk in (*[crowd.talk] * 6, crowd.in_syllables):
+        voices = talk(24_000, rng)
+        assert voices.shape == (24_000,) and voices.std() == pytest.approx(1, rel=0.02)
     talker = 0.1 * np.sin(np.arange(24_000) * 0.5)
     off = [
         distort(talker, np.random.default_rng(k), 0.3, crowd.talk)
@@ -83,3 +87,80 @@ def test_other_people_talk_below_the_talker() -> None:
         for k in range(40)
     ]
     assert 0.2 < np.mean([np.abs(x).max() > 1e-3 for x in off]) < 0.7
+
+
+def runs(on: np.ndarray) -> np.ndarray:
+    """Seconds of each run of True, without those at the ends."""
+    ends = np.flatnonzero(np.diff(on))
+    return np.diff(ends)[(0 if on[ends[0] + 1] else 1) :: 2] / PACK_RATE
+
+
+def test_syllables_and_pauses_are_as_long_as_people_make_them() -> None:
+    rng = np.random.default_rng(0)
+    gates = [on_and_off(20 * PACK_RATE, rng) for _ in range(10)]
+    for state, (least, most) in ((True, (0.1, 0.5)), (False, (0.05, 0.6))):
+        found = np.concatenate([runs((gate > 0.5) == state) for gate in gates])
+        assert least - 1e-3 < found.min() < least + 0.05 < most - 0.05 < found.max() < most + 1e-3
+    assert len({gate[0] for gate in gates}) > 1  # not all start with the same
+    gate = gates[0]
+    rise = np.pi / 2 / 0.01 / PACK_RATE  # the steepest of an edge of 10 ms
+    assert np.abs(np.diff(gate)).max() == pytest.approx(rise, rel=0.05)
+    assert 0 <= gate.min() < gate.max() <= 1
+
+
+def test_half_of_the_others_talk_in_syllables_and_each_voice_in_its_own() -> None:
+    rng = np.random.default_rng(0)
+    crowd = Crowd([(8000 * rng.choice([-1, 1], 90_000)).astype(np.int16)])  # never silent
+
+    def silent(sound: np.ndarray) -> bool:
+        return bool((np.abs(sound) < 1e-6).mean() > 0.02)
+
+    alone = [silent(crowd.in_syllables(4 * PACK_RATE, rng)) for _ in range(60)]
+    mixed = [silent(crowd.talk(4 * PACK_RATE, rng)) for _ in range(200)]
+    assert 0.6 < np.mean(alone) < 1  # six voices leave no pause to all
+    assert np.mean(mixed) == pytest.approx(np.mean(alone) / 2, abs=0.1)
+
+
+def parts(monkeypatch: pytest.MonkeyPatch, noises: int = 0) -> list[tuple]:
+    """What is heard of nine clips of anna's, one of ben's and one made by rules."""
+    tone, gaze = 0.1 * np.sin(np.arange(48_000) * 0.1), np.tile([0.0, 0.0, 1.0], (30, 2, 1))
+    clips = [
+        make_clip(tone, np.zeros((30, len(RIG_NAMES))), gaze, np.ones(30), truth=truth, voice=voice)
+        for truth, voice in [("tracked", "anna")] * 9 + [("tracked", "ben"), ("rules", "made")]
+    ]
+    monkeypatch.setattr(stream, "iter_pack", lambda pack, split: clips)
+    monkeypatch.setattr(stream, "RULES_KEPT", 1.0)
+    return list(stream._parts(None, 0, 1, noises))
+
+
+def test_who_has_few_clips_is_heard_plain_beside_talk_and_beside_syllables(monkeypatch) -> None:
+    asked = []
+    for name in ("talk", "in_syllables"):
+        monkeypatch.setattr(
+            Crowd, name, lambda self, count, rng, name=name: asked.append(name) or np.ones(count)
+        )
+    plain = [voice for _, voice, _, plain in parts(monkeypatch) if plain]
+    assert plain == ["ben"] * 3 and asked[-2:] == ["talk", "in_syllables"]
+
+
+def test_others_are_nearer_to_tracked_talkers_than_to_made_ones(monkeypatch) -> None:
+    crop, below = stream.crop, []
+
+    def watched(clip, frames, rng, p, others, others_db):
+        below.append((clip.truth, others_db))
+        return crop(clip, frames, rng, p, others, others_db)
+
+    monkeypatch.setattr(stream, "crop", watched)
+    parts(monkeypatch)
+    assert set(below) == {("tracked", TRACKED_DB), ("rules", (3, 26))}
+    sound, rng = np.zeros(24_000), np.random.default_rng
+    sound[::2] = 0.1
+    near = [
+        [np.abs(distort(sound, rng(k), 0.3, crowd_of_one, db)).max() for k in range(40)]
+        for db in ((0, 0), (60, 60))
+    ]
+    assert np.mean(near[0]) > 1.2 * np.mean(near[1])
+
+
+def crowd_of_one(count: int, rng: np.random.Generator) -> np.ndarray:
+    return rng.standard_normal(count)
