@@ -7,7 +7,7 @@ its header), replaced as a whole: after a kill at any moment the last one is val
 import json
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import cos, pi
 from pathlib import Path
 from typing import Any, Literal
@@ -41,6 +41,16 @@ class RunSettings:
     compile: bool = False  # torch.compile: fused kernels, minutes to start
     average: float = 0.999  # decay of the moving average (EMA) that is written at the end
     note: tuple[tuple[str, str], ...] = ()  # for the card: command, commit, ...
+
+    @property
+    def file(self) -> Path:
+        return self.state.with_suffix(".safetensors")
+
+    def followed_by(self, name: str) -> "RunSettings":
+        """Of a part that is trained after this one, with a state of its own; not resumed where
+        there is none yet."""
+        run = replace(self, state=self.state.with_name(f"{self.state.stem}_{name}"))
+        return replace(run, resume=self.resume and run.file.is_file())
 
     def card(self, metrics: Mapping[str, float], curve: "Curve") -> dict[str, Any]:
         """The part of a checkpoint's card that is common to all stages."""
@@ -177,9 +187,8 @@ def train(
     ranks = parallel.join(run.device)
     optimizer = adamw(modules, rate)
     state = _State(modules, optimizer, run.average)
-    path = run.state.with_suffix(".safetensors")
     if run.resume:
-        state.load(path)
+        state.load(run.file)
     device_type = torch.device(run.device).type
     saved_at = time.monotonic()
     bar = tqdm(
@@ -205,11 +214,11 @@ def train(
             shown = {key: f"{value:.3g}" for key, value in state.smooth.items()}
             bar.set_postfix(shown, refresh=False)
             if ranks.leads and time.monotonic() - saved_at > SAVE_SECONDS:
-                state.save(path)
+                state.save(run.file)
                 saved_at = time.monotonic()
     finally:
         if ranks.leads:
-            state.save(path)
+            state.save(run.file)
     parallel.average_buffers((b for m in modules.values() for b in m.buffers()), ranks)
     state.average.use()
     return state.smooth, state.curve

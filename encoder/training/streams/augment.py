@@ -68,7 +68,12 @@ def clicks(count: int, rng: np.random.Generator) -> np.ndarray:
     return sound / sound.std()
 
 
-def not_speech(count: int, rng: np.random.Generator) -> np.ndarray:
+NOT_SPEECH: tuple[Noise, ...] = (noise, clicks, music, music, *HANDLING, *HANDLING[:2])
+
+
+def not_speech(
+    count: int, rng: np.random.Generator, kinds: tuple[Noise, ...] = NOT_SPEECH
+) -> np.ndarray:
     """Sound [n] float32 without a voice, -70 to -14 dBFS; with probability 0.1 silence.
 
     Mostly rubbing and wind at the microphone, then music: these are nearest to fricatives and
@@ -77,12 +82,8 @@ def not_speech(count: int, rng: np.random.Generator) -> np.ndarray:
     if rng.random() < 0.1:
         return np.zeros(count, np.float32)
     level = 10 ** (rng.uniform(-70, -14) / 20)
-    return np.clip(level * _any_noise(rng)(count, rng), -1, 1).astype(np.float32)
-
-
-def _any_noise(rng: np.random.Generator) -> Noise:
-    kinds = (noise, clicks, music, music, *HANDLING, *HANDLING[:2])
-    return kinds[rng.integers(len(kinds))]
+    make = kinds[rng.integers(len(kinds))]
+    return np.clip(level * make(count, rng), -1, 1).astype(np.float32)
 
 
 def equalise(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:
@@ -171,7 +172,7 @@ def distort(
     if others and rng.random() < p + 0.3:
         audio = audio + level * 10 ** (-rng.uniform(*others_db) / 20) * others(len(audio), rng)
     if rng.random() < p + 0.1:
-        make = noise if rng.random() < 0.5 else _any_noise(rng)
+        make = noise if rng.random() < 0.5 else NOT_SPEECH[rng.integers(len(NOT_SPEECH))]
         audio = audio + level * 10 ** (-rng.uniform(0, 30) / 20) * make(len(audio), rng)
     elif rng.random() < 0.5:  # every real microphone hisses
         audio = audio + 10 ** (-rng.uniform(50, 80) / 20) * noise(len(audio), rng)

@@ -17,7 +17,15 @@ from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import PACK_RATE, PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
-from encoder.training.streams.augment import OTHERS_DB, Crop, Noise, crop, not_speech
+from encoder.training.streams.augment import (
+    NOT_SPEECH,
+    OTHERS_DB,
+    Crop,
+    Noise,
+    clicks,
+    crop,
+    not_speech,
+)
 from encoder.training.streams.streams import AHEAD, check_left_out, warped
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
@@ -28,6 +36,7 @@ ALIKE = 0.5  # share of tracked clips whose other voices say words and pauses li
 PLAIN_DB = (6, 14)  # that other voices are below a plain clip
 TRACKED_DB = (2, 18)  # below a tracked clip
 ON_S, OFF_S, EDGE_S = (0.1, 0.5), (0.05, 0.6), 0.01  # of voices in syllables and pauses
+CLICKS = 5  # of so many sounds without a voice one is of keys and knocks: they are voice-like
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
 
@@ -168,7 +177,8 @@ def _parts(
             yield _cropped(clip, others, rng), _WHO.get(clip.truth, clip.voice), rng, False
     for index in range(noises):
         rng = np.random.default_rng([seed, len(clips) + index])
-        sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng)
+        kinds = NOT_SPEECH if index % CLICKS else (clicks,)
+        sound = not_speech(LONGEST * PACK_SAMPLES_PER_FRAME, rng, kinds)
         gaze = np.tile(np.array(AHEAD, np.float32), (LONGEST, 1))
         rig, tongue = (np.zeros((LONGEST, n), np.float32) for n in (clips[0].rig.shape[1], 3))
         silent = np.zeros(LONGEST, np.int64)

@@ -23,6 +23,7 @@ from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.mouth import Mouth
 from encoder.training.stages import chain, listen
+from encoder.training.stages.listener import Batch, Listener
 from encoder.training.streams.pieces import SpokenPieces
 from encoder.training.streams.spoken import REST, RULES
 from sensors.types import InputError
@@ -106,21 +107,60 @@ def test_lips_are_wider_by_the_gain_and_as_far_open_as_before() -> None:
 
 def test_training_lowers_the_error_of_the_mouth_and_tells_voices(tmp_path: Path) -> None:
     student, pieces = untrained()
-    config = settings(tmp_path, steps=150, batch=8, frames=20, hidden=16, rate=1e-2, drop=0.0)
+    sizes = {"batch": 8, "frames": 20, "hidden": 16, "drop": 0.0}
+    steps = {"steps": 150, "rate": 1e-2, "voice_steps": 150, "voice_rate": 1e-2}
+    config = settings(tmp_path, **sizes, **steps)
     heard = torch.from_numpy(pieces.frames.heard.astype(np.float32))
     pieces.truth = (heard @ noise(7, MOUTH)).numpy() * (pieces.frames.voice != REST)[:, None]
     pieces.frames.heard[pieces.frames.voice == REST] += 3
     listener = listen.new_listener(pieces, student, config)
-    trained = {"direct": listener.direct, "contact": listener.contact}
-
-    def step_losses(step: int, rng: np.random.Generator) -> dict[str, torch.Tensor]:
-        return listener.losses(pieces.draw(rng), config)
-
     batch = pieces.draw(np.random.default_rng(1))
-    before = listener.losses(batch, config)
-    loop.train("listen", trained, step_losses, steps=150, rate=1e-2, run=config.run)
-    after = listener.losses(batch, config)
+    before = errors(listener, batch, config)
+    listen.train(listener, pieces, config)
+    after = errors(listener, batch, config)
     assert after["shape"] < 0.5 * before["shape"] and after["voice"] < 0.5 * before["voice"]
+
+
+def errors(
+    listener: Listener, batch: Batch, config: listen.ListenConfig
+) -> dict[str, torch.Tensor]:
+    parts = (listener.mouth_losses, listener.voice_losses, listener.contact_losses)
+    return {name: value for losses in parts for name, value in losses(batch, config).items()}
+
+
+def test_each_part_learns_alone_and_together_they_are_all(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path)
+    listener = listen.new_listener(pieces, student, config)
+    for tensor in (*listener.direct.parameters(), *listener.contact.parameters()):
+        torch.nn.init.normal_(tensor, std=0.2)
+    everything = [*listener.direct.parameters(), *listener.contact.parameters()]
+    learned = []
+    for name, modules in listener.parts.items():
+        own = {id(p) for module in modules.values() for p in module.parameters()}
+        for parameter in everything:
+            parameter.grad = None
+        losses = getattr(listener, f"{name}_losses")
+        losses(pieces.draw(np.random.default_rng(0)), config)["total"].backward()
+        assert {id(p) for p in everything if p.grad is not None and p.grad.any()} == own
+        learned += list(own)
+    assert sorted(learned) == sorted(id(p) for p in everything)
+
+
+def test_the_contact_head_learns_behind_a_path_that_nothing_disturbs(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    config = settings(tmp_path)
+    listener = listen.new_listener(pieces, student, config)
+    torch.nn.init.normal_(listener.direct.move.weight)
+    torch.nn.init.normal_(listener.direct.voice.weight)
+    batch = pieces.draw(np.random.default_rng(0))
+    for losses, steady in (
+        (listener.mouth_losses, False),
+        (listener.voice_losses, False),
+        (listener.contact_losses, True),
+    ):
+        one, other = (losses(batch, config)["total"] for _ in range(2))
+        assert bool(one == other) is steady
 
 
 def test_a_new_head_takes_its_reach_along() -> None:
@@ -141,7 +181,7 @@ def test_moves_of_the_contact_head_cost_more_where_no_closure_is_asked(tmp_path:
     heard, own, truth, phones, voiced, there = pieces.draw(np.random.default_rng(0))
     for phone, least in (("b", "idle"), ("aa", "effort")):
         said = torch.full_like(phones, PHONE_INDEX[phone])
-        found = listener.losses((heard, own, truth, said, voiced, there), config)
+        found = listener.contact_losses((heard, own, truth, said, voiced, there), config)
         assert found[least] == 0 < found["idle"] + found["effort"]
 
 
@@ -230,3 +270,45 @@ def test_whom_the_shipped_blocks_know() -> None:
     shipped = chain.OldChain.load(WEIGHTS)
     assert not shipped.knows(("grid-s4", "grid-s30", "grid-s33"))
     assert shipped.knows(("grid-s4", "grid-s2"))
+
+
+def counted(monkeypatch: pytest.MonkeyPatch, stop: str = "") -> list[str]:
+    """Whose losses are asked for, from now on; those of `stop` break the run at the second step."""
+    asked: list[str] = []
+    for name in ("mouth", "voice", "contact"):
+        losses = getattr(Listener, f"{name}_losses")
+
+        def watched(self, batch, config, name=name, losses=losses):
+            asked.append(name)
+            if name == stop and asked.count(name) == 2:
+                raise KeyboardInterrupt
+            return losses(self, batch, config)
+
+        monkeypatch.setattr(Listener, f"{name}_losses", watched)
+    return asked
+
+
+def test_a_run_that_is_cut_short_goes_on_where_it_was(config, tmp_path, monkeypatch) -> None:
+    listen.run(config, FACE)
+    wanted = load_student(config.output, "gaze")
+    names = {"state", "state_voice", "state_contact"}
+    assert {path.stem for path in tmp_path.glob("state*.safetensors")} == names
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        counted(patch, stop="voice")
+        listen.run(config, FACE)
+    states = {path.stem for path in tmp_path.glob("state*.safetensors")}
+    assert states == {"state", "state_voice"}  # none of the run before
+    asked = counted(monkeypatch)
+    listen.run(replace(config, run=replace(config.run, resume=True)), FACE)
+    assert asked == ["voice", "contact", "contact"]
+    for name, tensor in load_student(config.output, "gaze")[1].items():
+        np.testing.assert_allclose(tensor, wanted[1][name], rtol=1e-3, atol=1e-4)
+
+
+def test_the_card_tells_of_all_parts(config) -> None:
+    listen.run(config, FACE)
+    card = load_student(config.output, "gaze")[2]["listen"]
+    mouth = {"shape", "velocity", "span", "tongue", "loose", "tucked", "total"}
+    assert set(card["metrics"]) == mouth | {"voice", "miss", "false", "effort", "idle"}
+    assert set(card["curve"]) == mouth | {"step"}
+    assert card["metrics"]["total"] == pytest.approx(card["curve"]["total"][-1], rel=1e-3)

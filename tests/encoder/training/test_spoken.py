@@ -8,7 +8,7 @@ from encoder.capture.dataset import PACK_RATE, make_clip
 from encoder.capture.motion.channels import RIG_NAMES
 from encoder.training.mouth import Mouth
 from encoder.training.streams import spoken as stream
-from encoder.training.streams.augment import distort
+from encoder.training.streams.augment import clicks, distort
 from encoder.training.streams.pieces import (
     EARLY,
     SpokenPieces,
@@ -164,3 +164,12 @@ def test_others_are_nearer_to_tracked_talkers_than_to_made_ones(monkeypatch) -> 
 
 def crowd_of_one(count: int, rng: np.random.Generator) -> np.ndarray:
     return rng.standard_normal(count)
+
+
+def test_every_fifth_sound_without_a_voice_is_of_clicks(monkeypatch) -> None:
+    def silent_but_for_clicks(count, rng, kinds):
+        return np.full(count, float(kinds == (clicks,)), np.float32)
+
+    monkeypatch.setattr(stream, "not_speech", silent_but_for_clicks)
+    rest = [part.audio[0] for part, voice, _, _ in parts(monkeypatch, 10) if voice == REST]
+    assert len(rest) == 10 and sum(rest) == 2

@@ -65,6 +65,16 @@ def test_resume_without_a_state_says_what_to_do(tmp_path):
         train(make(), loop.RunSettings(state=tmp_path / "bad", resume=True))
 
 
+def test_a_later_part_has_a_state_of_its_own_and_starts_anew_where_there_is_none(tmp_path):
+    run = loop.RunSettings(state=tmp_path / "state", resume=True, seed=3)
+    later = run.followed_by("late")
+    assert later == replace(run, state=tmp_path / "state_late", resume=False)
+    train(make(), later)
+    assert later.file.is_file() and not run.file.exists()
+    assert run.followed_by("late").resume
+    assert not replace(run, resume=False).followed_by("late").resume
+
+
 def test_half_precision_trains_and_keeps_full_weights(tmp_path):
     modules = make()
     run = loop.RunSettings(state=tmp_path / "state", precision="bfloat16")
