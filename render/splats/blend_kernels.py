@@ -23,7 +23,7 @@ from render.types import U32, Floats
 
 PIXELS = TILE_PX * TILE_PX
 PAIRS = TILE_PX // ROWS  # of rows of a tile
-AT_ONCE = 16
+AT_ONCE = 8  # splats that are blended before it is asked whether they hide the rest
 AHEAD = 8  # splats that are fetched before they are needed
 OPAQUE = np.float32(1 / 128)  # a tile that lets less through hides the rest
 ZERO, ONE, HALF = np.float32(0), np.float32(1), np.float32(0.5)
