@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.gl.contexts import GLContext
-from render.splats.blend_kernels import NUMBERS, blend_tiles
+from render.splats.blend_kernels import blend_tiles
 from render.splats.projection_kernels import TILE_PX
 from render.splats.projector import Projector
+from render.splats.row_kernels import NUMBERS
 from render.splats.tile_kernels import blended_tiles
 from render.splats.tile_pairs import MAX_PAIRS, Pairs, Reaches, bin_splats
 from render.types import U32, Camera, Gaussians
