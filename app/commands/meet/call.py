@@ -74,12 +74,13 @@ class CallOptions(LiveDriveOptions):
         from app.compose.report import finish
         from app.drive.loop import drive
         from app.sinks.sensor_notes import SensorNotes
-        from sensors.clock import MonotonicClock
 
         link = open_call(self.settings_of_call())
         try:
-            self.opened(link, MonotonicClock())
             run = LiveRun(self.live_settings(), settings, link.seats)
+            print(
+                self.opening(link.start(run.clock)), flush=True
+            )  # all that was asked for is there
             sound = SoundSettings(echo=self.echo, noise=self.noise)
             through_call(run.source, link, sound, self.speaker)
             run.hear_at_page(link)
@@ -100,8 +101,9 @@ class CallOptions(LiveDriveOptions):
         if signals:
             raise KeyboardInterrupt
 
-    def opened(self, link: "CallLink", clock: Any) -> None:
-        """Print what to know before the first frame."""
+    def opening(self, invite: str) -> str:
+        """What to know before the first frame."""
+        raise NotImplementedError
 
 
 @dataclass(kw_only=True)
@@ -138,9 +140,9 @@ class Host(CallOptions):
             ice_servers=self.ice,
         )
 
-    def opened(self, link: "CallLink", clock: Any) -> None:
-        print(f"invite: {link.wait_for_invite(clock)}", flush=True)
-        print(f"send it to the people you want to meet, by a way that you trust; {KEYS}")
+    def opening(self, invite: str) -> str:
+        send = "send it to the people you want to meet, by a way that you trust"
+        return f"invite: {invite}\n{send}; {KEYS}"
 
 
 @dataclass(kw_only=True)
@@ -165,8 +167,8 @@ class Join(CallOptions):
             ice_servers=self.ice,
         )
 
-    def opened(self, link: "CallLink", clock: Any) -> None:  # noqa: ARG002
-        print(f"joining; {KEYS}", flush=True)
+    def opening(self, invite: str) -> str:  # noqa: ARG002
+        return f"joining; {KEYS}"
 
 
 def listen_to_keys(link: "CallLink", stop: Any) -> None:

@@ -1,0 +1,80 @@
+"""A call is opened or joined when all that was asked for is there, and not before."""
+
+import asyncio
+import re
+import sys
+from typing import Any
+
+import pytest
+
+from app.call.live import protocol
+from app.call.live.protocol import CallSettings
+from app.call.live.service import Service
+from app.call.table.seats import Seats
+from app.call.trial.material import synthetic_material
+from app.main import main
+from app.process import child
+from app.process.channel import pair
+from sensors.clock import MonotonicClock
+from sensors.types import InputError
+
+INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
+WORDS = {"host": ["call", "host"], "join": ["call", "join", INVITE]}
+TOLD = re.compile(r"--(speaker|mic): expected.*livedrive devices")
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The command ends with status 2 and one line, and has neither invited nor joined."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["livedrive", *words, "--headless", "--name", "ann"])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    shown = capsys.readouterr()
+    assert ended.value.code == 2 and shown.out == ""
+    assert len(TOLD.findall(shown.err)) == 1, shown.err
+
+
+@pytest.mark.parametrize("kind", WORDS)
+def test_a_missing_microphone_starts_no_call(
+    kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: the invite had been printed, or the other had been called."""
+
+    def start(module: str, *_: object) -> Any:
+        raise AssertionError(f"{module} was started")
+
+    monkeypatch.setattr(child, "start", start)
+    refused([*WORDS[kind], "--mic", "no such one", "--speaker", "none"], capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", WORDS)
+def test_a_missing_loudspeaker_is_told_once(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: the invite had been printed, and the run went on alone until Ctrl-C."""
+    refused([*WORDS[kind], "--mic", "none", "--speaker", "no such one"], capsys)
+
+
+@pytest.mark.parametrize("settings", [{}, {"invite": INVITE}], ids=WORDS)
+def test_nobody_is_let_in_without_a_loudspeaker(
+    settings: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the call was open when the loudspeaker was looked for."""
+
+    def missing(*_: object) -> None:
+        raise InputError("--speaker: expected an output")
+
+    async def opened(*_: object) -> None:
+        raise AssertionError("the call was opened")
+
+    monkeypatch.setattr("app.call.live.service.Speaker", missing)
+    monkeypatch.setattr(Service, "_open_room", opened)
+    ours, theirs = pair()
+    seats = Seats()
+    try:
+        service = Service(theirs, seats, synthetic_material(3, 0).basis, MonotonicClock(), 0)
+        with pytest.raises(InputError, match="--speaker"):
+            asyncio.run(service.run(CallSettings(name="ann", avatar="ben", **settings)))
+        assert protocol.INVITE not in {packet[:1] for packet in ours.waiting()}
+    finally:
+        ours.close()
+        theirs.close()
