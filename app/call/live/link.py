@@ -111,8 +111,6 @@ class CallLink:
             self.report = json.loads(body)
         elif kind == protocol.ERROR:
             self.error = body.decode(errors="replace")
-            if self.invite:  # else `start` raises it
-                self._tell(self.error)
         else:
             self.ended = True
 
