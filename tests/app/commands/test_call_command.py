@@ -2,6 +2,7 @@
 
 import asyncio
 import re
+import socket
 import sys
 from typing import Any
 
@@ -10,8 +11,12 @@ import pytest
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.service import Service
+from app.call.rooms.direct import DirectGuest
+from app.call.rooms.janus import JanusRoom
+from app.call.rooms.room import Events, LineSettings
 from app.call.table.seats import Seats
 from app.call.trial.material import synthetic_material
+from app.call.wire.invite import Invite
 from app.main import main
 from app.process import child
 from app.process.channel import pair
@@ -78,3 +83,22 @@ def test_nobody_is_let_in_without_a_loudspeaker(
     finally:
         ours.close()
         theirs.close()
+
+
+@pytest.mark.parametrize("kind", ["direct", "room"])
+def test_why_nobody_answers_is_told(kind: Any) -> None:
+    """Red before: "ssl:<aiohttp.client_reqrep.Fingerprint ob", cut off before the reason."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    room = "choir" if kind == "room" else ""
+    invite = Invite(kind, "127.0.0.1", port, bytes(16), bytes(32), room)
+    events = Events(**dict.fromkeys(Events.__dataclass_fields__, print))
+
+    async def run() -> None:
+        if kind == "room":
+            await JanusRoom(invite, "ann", events, LineSettings()).run()
+        else:
+            await DirectGuest(invite, events, LineSettings()).run()
+
+    with pytest.raises(InputError, match="got: Connection refused;"):
+        asyncio.run(run())
