@@ -18,7 +18,8 @@ CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 an
 def why(error: Exception) -> str:
     """Why a connection failed, in the system's words: those of aiohttp begin with how it tried."""
     if isinstance(error, OSError):
-        return os.strerror(error.errno) if (error.errno or 0) > 0 else error.strerror or "no answer"
+        number = error.errno or 0  # below 0: of looking a name up
+        return os.strerror(number) if number > 0 else error.strerror or "no answer"
     return str(error)[:80] or "no answer"
 
 

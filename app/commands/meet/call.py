@@ -1,7 +1,6 @@
 """`livedrive call host | join | server | bridge | test`: people meet as driven heads."""
 
 import getpass
-import re
 import sys
 import threading
 from dataclasses import dataclass
@@ -61,11 +60,10 @@ class CallOptions(LiveDriveOptions):
         return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
+        from app.call.wire import ice
+
         for url in self.ice:
-            if not re.fullmatch(r"(stun|turn)s?:[^\s/]+", url):
-                raise InputError(
-                    f"--ice: expected stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, got {url!r}"
-                )
+            ice.parse(url)
         settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call

@@ -16,7 +16,10 @@ from app.call.rooms.janus import JanusRoom
 from app.call.rooms.room import Events, LineSettings
 from app.call.table.seats import Seats
 from app.call.trial.material import synthetic_material
+from app.call.wire import ice
+from app.call.wire.ice import IceServer
 from app.call.wire.invite import Invite
+from app.commands.meet.call import CallOptions
 from app.main import main
 from app.process import child
 from app.process.channel import pair
@@ -102,3 +105,35 @@ def test_why_nobody_answers_is_told(kind: Any) -> None:
 
     with pytest.raises(InputError, match="got: Connection refused;"):
         asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("stun:example.org", IceServer("stun:example.org")),
+        ("stuns:192.0.2.7:5349", IceServer("stuns:192.0.2.7:5349")),
+        ("turn:ann:a/b+c=@example.org:3478", IceServer("turn:example.org:3478", "ann", "a/b+c=")),
+        (
+            "turns:ann:x:y@h:1?transport=tcp",
+            IceServer("turns:h:1?transport=tcp", "ann", "x:y"),
+        ),
+    ],
+)
+def test_servers_for_the_line_are_read(text: str, expected: IceServer) -> None:
+    """Red before: a password with a slash was refused, as most that are random have one."""
+    assert ice.parse(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["turn:example.org:3478", "turn:ann@example.org", "stun:h:99999", "stun:[::1]:1", "stun:", "x"],
+)
+def test_what_is_no_server_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: the first five passed, and failed later in the call's process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["livedrive", *WORDS["host"], "--ice", text])
+        patch.setattr(CallOptions, "live_drive_settings", lambda *_, **__: sys.exit("passed"))
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 2
+    assert "turn:NAME:PASSWORD@HOST:PORT" in capsys.readouterr().err
