@@ -10,9 +10,9 @@ from shlex import quote
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import HERE, File, Listening
+from app.terminal.arguments import File, Listening
 from sensors import files
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 
 @dataclass(kw_only=True)
@@ -21,7 +21,7 @@ class Server:
 
     folder: Positional[Path]
     """Folder for its configuration, key and log; created if missing."""
-    host: str = HERE
+    host: str = LOOPBACK
     """Address to listen on; other than on this machine alone it uses TLS."""
     port: Listening = 8188
     """Port to listen on."""
@@ -44,7 +44,7 @@ class Server:
         if not key.exists():
             files.write_text(key, secrets.token_hex(16) + "\n", private=True)
         fragment, scheme = "", "ws"
-        if host != HERE:
+        if host != LOOPBACK:
             pem = self.folder / "certificate.pem"
             fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
         settings = ServerSettings(
