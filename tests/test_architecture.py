@@ -113,7 +113,7 @@ def test_commands_start_without_heavy_imports() -> None:
     import sys
 
     code = (
-        "import sys, app.main; "
+        "import sys, app.command_line; "
         "print([m for m in ('torch', 'av', 'onnxruntime', 'moderngl') if m in sys.modules])"
     )
     done = subprocess.run(
