@@ -76,16 +76,15 @@ class CallOptions(LiveDriveOptions):
         link = open_call(self.settings_of_call())
         try:
             run = LiveRun(self.live_settings(), settings, link.seats)
-            print(
-                self.opening(link.start(run.clock)), flush=True
-            )  # all that was asked for is there
             sound = SoundSettings(echo=self.echo, noise=self.noise)
             through_call(run.source, link, sound, self.speaker)
             run.hear_at_page(link)
             tape = CallTape(link, self.record, run.open_recorder)
             with ends_on_signals(run.source) as signals:
-                listen_to_keys(link, run.source.stop)
                 parts = run.build(tape, [SensorNotes(run.source, tell)])
+                invite = link.start(run.clock)  # now that all else that was asked for is there
+                print(self.opening(invite), flush=True)
+                listen_to_keys(link, run.source.stop)
                 summary = drive(with_call(parts, link))
                 tape.close()
         finally:

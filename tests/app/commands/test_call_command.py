@@ -28,13 +28,15 @@ from sensors.types import InputError
 
 INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
 WORDS = {"host": ["call", "host"], "join": ["call", "join", INVITE]}
-TOLD = re.compile(r"--(speaker|mic): expected.*livedrive devices")
+TOLD = re.compile(r"(--speaker|--mic|--send|avatar).*: expected.*(livedrive|try)")
+MISSING = ["--mic", "--avatar", "--send"]
 
 
 def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     """The command ends with status 2 and one line, and has neither invited nor joined."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "argv", ["livedrive", *words, "--headless", "--name", "ann"])
+        patch.setattr("sensors.audio.portaudio.silence_native_messages", lambda: None)
         with pytest.raises(SystemExit) as ended:
             main()
     shown = capsys.readouterr()
@@ -43,8 +45,9 @@ def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize("kind", WORDS)
-def test_a_missing_microphone_starts_no_call(
-    kind: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("option", MISSING)
+def test_what_is_missing_starts_no_call(
+    kind: str, option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Red before: the invite had been printed, or the other had been called."""
 
@@ -52,7 +55,8 @@ def test_a_missing_microphone_starts_no_call(
         raise AssertionError(f"{module} was started")
 
     monkeypatch.setattr(child, "start", start)
-    refused([*WORDS[kind], "--mic", "no such one", "--speaker", "none"], capsys)
+    named = "vmc://no-such.invalid:1" if option == "--send" else "no such one"
+    refused([*WORDS[kind], "--mic", "none", "--speaker", "none", option, named], capsys)
 
 
 @pytest.mark.slow
