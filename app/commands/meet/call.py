@@ -1,6 +1,7 @@
 """`livedrive call host | join | server | bridge | test`: people meet as driven heads."""
 
 import getpass
+import socket
 import sys
 import threading
 from dataclasses import dataclass
@@ -123,6 +124,8 @@ class Host(CallOptions):
 
         if bool(self.room) != bool(self.server):
             raise InputError("call host: expected --room and --server together, got one of them")
+        if self.address:
+            _check_address(self.address)
         return CallSettings(
             name=self.name or getpass.getuser(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
@@ -166,6 +169,17 @@ class Join(CallOptions):
 
     def opening(self, invite: str) -> str:  # noqa: ARG002
         return f"joining; {KEYS}"
+
+
+def _check_address(address: str) -> None:
+    """Whoever gets the invite must be able to find it."""
+    try:
+        socket.getaddrinfo(address.strip("[]"), None)
+    except (OSError, UnicodeError) as error:
+        raise InputError(
+            f"--address: expected an address of this machine, got {address!r} "
+            f"({getattr(error, 'strerror', None) or error}); leave it away to have one found"
+        ) from None
 
 
 def listen_to_keys(link: "CallLink", stop: Any) -> None:
