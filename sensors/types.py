@@ -18,6 +18,7 @@ SAMPLES_PER_FRAME = 1600
 EYE_SIZE = 400
 NS = 1_000_000_000
 EYE_NAMES = ("left", "right")
+LOOPBACK = "127.0.0.1"  # what listens here is reached from this machine alone
 FACE_DIM = 70  # weights of XR_FB_face_tracking2, in its order
 
 

@@ -96,6 +96,12 @@ def test_files_are_written_where_links_are_refused() -> None:
     assert found == []
 
 
+def test_the_address_of_this_machine_alone_has_one_name() -> None:
+    """Red before: it was a literal in twenty files, and a constant in two."""
+    found = [path for path in SOURCES if '"127.0.0.1"' in text(path)]
+    assert found == [ROOT / "sensors" / "types.py"]
+
+
 def test_no_other_folders() -> None:
     folders = {p.name for p in ROOT.iterdir() if p.is_dir() and not p.name.startswith(".")}
     built = {name for name in folders if name.endswith(".egg-info") or name == "build"}
@@ -107,7 +113,7 @@ def test_commands_start_without_heavy_imports() -> None:
     import sys
 
     code = (
-        "import sys, app.main; "
+        "import sys, app.command_line; "
         "print([m for m in ('torch', 'av', 'onnxruntime', 'moderngl') if m in sys.modules])"
     )
     done = subprocess.run(

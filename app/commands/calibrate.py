@@ -5,8 +5,8 @@ from typing import Annotated
 
 import tyro
 
-from app.terminal.arguments import HERE, File, Port, check_host
-from sensors.types import InputError
+from app.terminal.arguments import File, Port, check_host
+from sensors.types import LOOPBACK, InputError
 
 
 @dataclass(kw_only=True)
@@ -25,7 +25,7 @@ class Calibrate:
     web: Port = None
     """Show the targets on a web page at this port, also in a headset, e.g. --web 8443; else the
     terminal names them."""
-    host: str = HERE
+    host: str = LOOPBACK
     """Address that --web listens on, as for livedrive run."""
     undo: bool = False
     """Restore the fit before the last calibration; a second --undo takes that back."""

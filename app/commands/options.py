@@ -14,9 +14,9 @@ from app.compose.settings import (
 )
 from app.sinks import table
 from app.terminal import confirm, outputs
-from app.terminal.arguments import HERE, File, Port, check_host, optional
+from app.terminal.arguments import File, Port, check_host, optional
 from render.types import DENSITY, SHARED_DENSITY, Density
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 
 @dataclass(kw_only=True)
@@ -81,7 +81,7 @@ class DriveOptions:
     """JSON of gains and limits for --send: {"jawOpen": {"gain": 1.4, "low": 0, "high": 0.9}}."""
     web: Port = None
     """Serve a web page with the live head, for browsers and headsets, e.g. --web 8443."""
-    host: str = HERE
+    host: str = LOOPBACK
     """Address that --web listens on; other than on this machine alone (0.0.0.0: all networks) it
     uses https and a token."""
 

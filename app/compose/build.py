@@ -17,7 +17,7 @@ from app.drive.loop import Drive
 from app.drive.sink import Expendable, RunInfo, Sink
 from app.drive.stages import Stages
 from app.drive.view import PortraitView
-from sensors.types import Clock, Source
+from sensors.types import LOOPBACK, Clock, Source
 
 if TYPE_CHECKING:
     from app.call.live.tape import CallTape
@@ -128,7 +128,7 @@ def _emotion(settings: DriveSettings, driver: "Driver") -> str | None:
 def _emotion_control(settings: DriveSettings, driver: "Driver") -> EmotionControl:
     port = None
     if settings.listen is not None:
-        port = OscPort("127.0.0.1", settings.listen, driver.check_emotion)
+        port = OscPort(LOOPBACK, settings.listen, driver.check_emotion)
     return EmotionControl(_emotion(settings, driver), port)
 
 

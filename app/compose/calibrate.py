@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.drive.eye_routine import collect, words_of
-from sensors.types import NS, Clock, InputError
+from sensors.types import LOOPBACK, NS, Clock, InputError
 
 if TYPE_CHECKING:
     from app.web.sink import WebSink
@@ -35,7 +35,7 @@ def takes_of_session(session: Path) -> "list[TargetSamples]":
 
 
 def takes_of_cameras(
-    specs: Sequence[str], port: int | None = None, host: str = "127.0.0.1"
+    specs: Sequence[str], port: int | None = None, host: str = LOOPBACK
 ) -> "list[TargetSamples]":
     """The terminal names the targets; with `port`, a page there shows them, on a screen or in a
     headset. Raises InputError where a camera cannot be used, or the page."""

@@ -6,7 +6,7 @@ from typing import Literal
 
 from app.drive import background
 from render.types import DENSITY, Density
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 MAX_SIZE = 4096  # px
 WantedCondition = Literal["auto", "gaze", "eyes"]
@@ -48,7 +48,7 @@ class NetworkSettings:
     send: tuple[str, ...] = ()  # URLs of app/sinks/table.py
     gains: Path | None = None  # JSON of gains and limits for `send`
     web: int | None = None  # port of the page, 0..65535
-    host: str = "127.0.0.1"  # address that the page is served at
+    host: str = LOOPBACK  # address that the page is served at
     microphone: bool = False  # the run listens to the page's microphone
     head: bool = False  # ... and to its headset
     sound: bool = False  # the page plays the partners of a call

@@ -5,9 +5,7 @@ from typing import Annotated
 
 import tyro
 
-from sensors.types import InputError
-
-HERE = "127.0.0.1"  # where a page listens unless told otherwise: this machine alone
+from sensors.types import LOOPBACK, InputError
 
 
 def optional(metavar: str, text: str | None = None) -> object:
@@ -48,7 +46,7 @@ Listening = Annotated[int, _whole(0, 65535)]
 
 def check_host(host: str, web: int | None) -> None:
     """Raise InputError for an address without a page that would listen there."""
-    if host != HERE and web is None:
+    if host != LOOPBACK and web is None:
         raise InputError(
             f"--host {host}: expected a page that listens there, got no --web; add --web 8443"
         )

@@ -30,7 +30,7 @@ from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
 from render.decoder import identity
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 PAGE = Path(__file__).parent / "page"
 SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
@@ -127,7 +127,7 @@ class WebServer:
             app.router.add_get("/", self._serve_names)
 
     def _tls(self) -> ssl.SSLContext:
-        hosts = [*self._hosts(), "localhost", "127.0.0.1", socket.gethostname()]
+        hosts = [*self._hosts(), "localhost", LOOPBACK, socket.gethostname()]
         paths = certificate.ensure(certificate.folder(), hosts, self._now_s)
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
@@ -145,7 +145,7 @@ class WebServer:
             return [self._info.host]
         known = [entry for net in psutil.net_if_addrs().values() for entry in net]
         found = [entry.address for entry in known if entry.family == socket.AF_INET]
-        return [address for address in found if not is_loopback(address)] or ["127.0.0.1"]
+        return [address for address in found if not is_loopback(address)] or [LOOPBACK]
 
     def _addresses(self, port: int, token: str | None) -> list[str]:
         scheme = ("http" if self._info.page else "ws") + ("s" if token else "")

@@ -9,10 +9,9 @@ from sensors.head import livelink, vmc
 from sensors.head.gate import ReadingGate
 from sensors.head.links import Decode, PlayedHeadLink, UdpLink
 from sensors.head.source import HeadLink, HeadSource
-from sensors.types import Clock, HeadPacket, InputError
+from sensors.types import LOOPBACK, Clock, HeadPacket, InputError
 
 Tell = Callable[[str], None]
-LOOPBACK = "127.0.0.1"
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 import numpy as np
 
 from sensors.standins.eye_pictures import eye_picture, film, jpeg, zero_middle
-from sensors.types import NS
+from sensors.types import LOOPBACK, NS
 
 BOUNDARY = "123456789000000000000987654321"
 FAULTS = (
@@ -39,7 +39,7 @@ class MjpegServer:
         self.fault = ""
         self.sent = 0
         self.closing = threading.Event()
-        self._server = ThreadingHTTPServer(("127.0.0.1", 0), _handler(self))
+        self._server = ThreadingHTTPServer((LOOPBACK, 0), _handler(self))
         self._server.daemon_threads = True
         self._thread = threading.Thread(
             target=self._server.serve_forever, args=(0.05,), daemon=True

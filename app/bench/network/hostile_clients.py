@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from app.process.child import lower_priority
+from sensors.types import LOOPBACK
 
 FLOOD = b"x" * 900
 PATIENCE_S = 5.0
@@ -25,7 +26,7 @@ class HostileClients:
     def __init__(self, address: str, num: int, seconds: float, seed: int = 0) -> None:
         self._address = address
         parts = urlsplit(address)
-        self._host, self._port = parts.hostname or "127.0.0.1", parts.port or 80
+        self._host, self._port = parts.hostname or LOOPBACK, parts.port or 80
         self._num, self._seconds = num, seconds
         self._rng = np.random.default_rng(seed)
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.drive.sink import FrameResult, RunInfo
-from sensors.types import FPS, Clock
+from sensors.types import FPS, LOOPBACK, Clock
 
 if TYPE_CHECKING:
     from app.drive.stages import Stages
@@ -116,7 +116,7 @@ def _drive(clock: Clock, avatar: str) -> LoadSink:
     from render.splats.renderer import create_renderer
     from sensors.live.source import LiveSource
 
-    server, stages = WebSink(ServerInfo("127.0.0.1", 0, avatar), clock), Stages()
+    server, stages = WebSink(ServerInfo(LOOPBACK, 0, avatar), clock), Stages()
     load = LoadSink(server, stages)
     camera = cameras.portrait(512, 512)
     drive(

@@ -10,6 +10,8 @@ import socket
 import sys
 import threading
 
+from sensors.types import LOOPBACK
+
 PORTS = 3
 
 
@@ -19,7 +21,7 @@ def main() -> None:
     counts, frames = [0] * PORTS, list[int]()
     for end in sockets:
         end.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-        end.bind(("127.0.0.1", 0))
+        end.bind((LOOPBACK, 0))
 
     def receive(k: int) -> None:
         while True:

@@ -16,7 +16,7 @@ from app.bench.network.load import measure_hostile_clients
 from app.drive.sink import FrameResult, RunInfo
 from app.terminal.thresholds import at_least, at_most
 from encoder.types import DrivenFrame
-from sensors.types import FPS, NS, Clock, SensorFrame
+from sensors.types import FPS, LOOPBACK, NS, Clock, SensorFrame
 
 if TYPE_CHECKING:
     from app.web.sink import WebSink
@@ -102,7 +102,7 @@ def _send(clock: Clock, driven: list[DrivenFrame], avatar: str, seconds: float) 
     (sender,) = open_all(urls, Outlet(decoder, avatar, clock))
     assert isinstance(sender, SendSink)
     parts = [len(receiver.encode(reader(driven[0]))) for receiver in sender.receivers]
-    server = WebSink(ServerInfo("127.0.0.1", 0, avatar, page=False), clock)
+    server = WebSink(ServerInfo(LOOPBACK, 0, avatar, page=False), clock)
     ticks = _play(clock, driven, [sender, server, AddressPipe(server, receivers.stdin)], seconds)
     output, _ = receivers.communicate("end\n")
     heard, report = json.loads(output), sender.network_report()
@@ -138,7 +138,7 @@ def _show(clock: Clock, driven: list[DrivenFrame], avatar: str) -> dict[str, Any
     if find_spec("playwright") is None:
         print("page: playwright is not installed, left out; run: pip install livedrive[dev]")
         return {}
-    server = WebSink(ServerInfo("127.0.0.1", 0, avatar), clock)
+    server = WebSink(ServerInfo(LOOPBACK, 0, avatar), clock)
     words = [sys.executable, "-m", "app.bench.network.page", str(PAGE_S)]
     page = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert page.stdin and page.stdout

@@ -10,6 +10,8 @@ import math
 import socket
 import sys
 
+from sensors.types import LOOPBACK
+
 RATE_HZ = 60.0
 AMPLITUDE_DEG, PERIOD_S = 12.0, 3.0
 
@@ -27,7 +29,7 @@ async def _tracker(port: int) -> None:
         turn = (0.0, 1.6, 0.0, 0.0, math.sin(half), 0.0, math.cos(half))
         datagram = bundle((vmc.OK, 1), (vmc.BONE, "Head", *turn))
         with contextlib.suppress(OSError):  # nobody listens yet
-            sender.sendto(datagram, ("127.0.0.1", port))
+            sender.sendto(datagram, (LOOPBACK, port))
         sent += 1
         await asyncio.sleep(max(0.0, start + sent / RATE_HZ - loop.time()))
 

@@ -14,6 +14,8 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
+from sensors.types import LOOPBACK
+
 MIC = "pulse:mic"
 VOICE = Path("recordings/demo/audio.wav")
 REPEAT = 100_000
@@ -66,7 +68,7 @@ def cameras(num: int, *, rate_hz: float = 30.0, jitter_ms: float = 8.0) -> Gener
 def tracker() -> Generator[str]:
     """A program that sends VMC poses, in a process of its own; yields the --head that hears it."""
     with socket.socket(type=socket.SOCK_DGRAM) as free:
-        free.bind(("127.0.0.1", 0))
+        free.bind((LOOPBACK, 0))
         port = free.getsockname()[1]
     words = [sys.executable, "-m", "app.bench.sensors.visitors", "tracker", str(port)]
     with subprocess.Popen(words) as sender:

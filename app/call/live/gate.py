@@ -1,5 +1,6 @@
 """Mute for the driver: it gets no sound and no pictures of the eyes, so that the face does
 not show what is not to be heard or seen. The call's process holds back the packets itself.
+With a call that has failed the run ends.
 """
 
 from app.call.live.link import CallLink
@@ -19,7 +20,7 @@ class Gate:
 
     @property
     def exhausted(self) -> bool:
-        return self._source.exhausted
+        return self._source.exhausted or bool(self._link.error)
 
     @property
     def dropped(self) -> int:

@@ -33,7 +33,7 @@ WAITING = 256  # packets of sound that wait for the loop
 
 
 class CallLink:
-    """Socket and memory to the call's process."""
+    """Socket and memory to the call's process, which `start` starts."""
 
     def __init__(self, settings: CallSettings, tell: Callable[[str], None]) -> None:
         self.seats = Seats()
@@ -45,20 +45,22 @@ class CallLink:
         self.on_played: list[Callable[[bytes], None]] = []  # each gets what the partners say
         self._tell = tell
         self._avatars = tempfile.TemporaryDirectory(prefix="livedrive-call-")
-        settings = replace(settings, avatars=self._avatars.name)
-        self._socket, theirs = pair()
+        self._settings = replace(settings, avatars=self._avatars.name)
+        self._socket, self._theirs = pair()
         self._lock = threading.Lock()
-        self._process = child.start("app.call", settings, [self.seats.handle], theirs)
-        theirs.close()
+        self._process: subprocess.Popen[bytes] | None = None
 
-    def wait_for_invite(self, clock: Clock) -> str:
-        """The invite of a call that was opened here. Raises InputError where it cannot be."""
+    def start(self, clock: Clock) -> str:
+        """Open or join the call; its invite. Raises InputError where that cannot be."""
+        handles = [self.seats.handle]
+        self._process = child.start("app.call", self._settings, handles, self._theirs)
+        self._theirs.close()
         until_ns = clock.now_ns() + START_S * NS
         while not self.invite:
             self.read()
             if self.ended or clock.now_ns() > until_ns:
                 raise InputError(
-                    self.error or "call: expected an invite in time, got none; try again"
+                    self.error or "call: expected it to open in time, got nothing; try again"
                 )
             clock.sleep_until_ns(clock.now_ns() + NS // 50)
         return self.invite
@@ -84,13 +86,16 @@ class CallLink:
                 self._take(packet[:1], packet[1:])
 
     def close(self) -> None:
-        self.post(protocol.END)
-        try:
-            self._process.wait(END_S)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
-        self.read()
+        if self._process is None:
+            self._theirs.close()
+        else:
+            self.post(protocol.END)
+            try:
+                self._process.wait(END_S)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+            self.read()
         self._socket.close()
         self._avatars.cleanup()
 
@@ -106,7 +111,6 @@ class CallLink:
             self.report = json.loads(body)
         elif kind == protocol.ERROR:
             self.error = body.decode(errors="replace")
-            self._tell(self.error)
         else:
             self.ended = True
 

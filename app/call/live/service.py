@@ -9,7 +9,8 @@ import json
 import secrets
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -77,22 +78,18 @@ class Service:
             self._shelf = Shelf(Path(settings.avatars), self.tell)
         ended = asyncio.get_running_loop().create_future()
         asyncio.get_running_loop().add_reader(self._end, self._read, ended)
-        room = await self._open_room(settings, secret, invite, call)
-        speaker, pulling = self._open_speaker(settings)
-        cpu_s, began_ns = time.process_time(), self._clock.now_ns()
-        telling = asyncio.create_task(self._keep_telling(call))
-        await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
-        with self._lock:
-            now_ns = self._clock.now_ns()
-            cpu_share = (time.process_time() - cpu_s) * NS / max(now_ns - began_ns, 1)
-            report = report_of(call, now_ns, self._seats.behind_ms(), cpu_share)
-            call.say_bye()
-        self._post(protocol.pack_json(protocol.REPORT, report))
-        if speaker is not None:
-            speaker.close()
-        for task in (telling, pulling):
-            if task is not None:
-                task.cancel()
+        with self._played_aloud(settings):  # before anybody is let in who would not be heard
+            room = await self._open_room(settings, secret, invite, call)
+            cpu_s, began_ns = time.process_time(), self._clock.now_ns()
+            telling = asyncio.create_task(self._keep_telling(call))
+            await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
+            with self._lock:
+                now_ns = self._clock.now_ns()
+                cpu_share = (time.process_time() - cpu_s) * NS / max(now_ns - began_ns, 1)
+                report = report_of(call, now_ns, self._seats.behind_ms(), cpu_share)
+                call.say_bye()
+            self._post(protocol.pack_json(protocol.REPORT, report))
+        telling.cancel()
         assert call.room is not None
         await call.room.close()
         call.close()
@@ -103,7 +100,7 @@ class Service:
     async def _open_room(
         self, settings: CallSettings, secret: bytes, invite: Invite | None, call: Call
     ) -> asyncio.Task[None]:
-        """Running; the invite of a call that begins here goes to the loop."""
+        """Running; its invite goes to the loop."""
         line = LineSettings(ice_servers=settings.ice_servers)
         identity = call.hello.identity
         if invite is not None and invite.kind == "direct":
@@ -116,7 +113,6 @@ class Service:
             )
             key = janus_server.admin_key(settings.server_key)
             call.room = JanusRoom(invite, identity, call.events(), line, key)
-            self._post(protocol.pack_json(protocol.INVITE, str(invite)))
         else:
             address = settings.address or own_address()
             call.room, task, invite = await host_direct(
@@ -124,19 +120,26 @@ class Service:
             )
             self._post(protocol.pack_json(protocol.INVITE, str(invite)))
             return task
+        self._post(protocol.pack_json(protocol.INVITE, str(invite)))
         return asyncio.create_task(call.room.run())
 
     def tell(self, line: str) -> None:
         """A line for the person, printed by the loop."""
         self._post(protocol.LINE + line.encode()[:400])
 
-    def _open_speaker(
-        self, settings: CallSettings
-    ) -> tuple[Speaker | None, asyncio.Task[None] | None]:
+    @contextmanager
+    def _played_aloud(self, settings: CallSettings) -> Generator[None]:
+        """Raises InputError where there is no such loudspeaker."""
         if settings.speaker in ("none", "web"):
             later_ns = WEB_NS if settings.speaker == "web" else 0
-            return None, asyncio.create_task(self._pull_unheard(later_ns))
-        return Speaker(settings.speaker, self._clock, self._pull), None
+            pulling = asyncio.create_task(self._pull_unheard(later_ns))
+            close: Callable[[], object] = pulling.cancel
+        else:
+            close = Speaker(settings.speaker, self._clock, self._pull).close
+        try:
+            yield
+        finally:
+            close()
 
     async def _pull_unheard(self, later_ns: int) -> None:
         """Without a loudspeaker the clock plays, so that the faces keep their time; a page is heard

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 from app.call.media.srtp import RtpReceiver, RtpSender, Stream
+from app.call.wire import ice
 
 if TYPE_CHECKING:
     from aiortc import RTCDataChannel, RTCSessionDescription
@@ -28,13 +29,14 @@ class Connection:
         on_packet: Callable[[Stream, bytes], None] | None,  # None: nothing is received
         on_message: Callable[[bytes], None] | None = None,  # None: no data channel
         sends: bool = True,
-        ice_servers: Sequence[str] = (),  # stun:HOST:PORT, turn:NAME:PASSWORD@HOST:PORT
+        ice_servers: Sequence[str] = (),  # as app/call/wire/ice.py reads them
         reroute: Reroute | None = None,  # where to send instead of to a candidate
         on_open: Callable[[], None] | None = None,  # messages can be said
     ) -> None:
-        from aiortc import RTCConfiguration, RTCPeerConnection
+        from aiortc import RTCConfiguration, RTCIceServer, RTCPeerConnection
 
-        servers = [_ice_server(url) for url in ice_servers]
+        parsed = [ice.parse(url) for url in ice_servers]
+        servers = [RTCIceServer(s.url, s.name, s.password) for s in parsed]
         self.pc = RTCPeerConnection(RTCConfiguration(iceServers=servers))
         self._on_packet, self._reroute = on_packet, reroute
         self._sends = sends
@@ -143,16 +145,6 @@ def bind_only(address: str) -> None:
 def _plain(sdp: str) -> str:
     """Without header extensions: eight bytes less a packet."""
     return "".join(line for line in sdp.splitlines(True) if not line.startswith("a=extmap"))
-
-
-def _ice_server(url: str):  # noqa: ANN202
-    from aiortc import RTCIceServer
-
-    match = re.fullmatch(r"(turns?):([^:@]+):([^@]+)@(.+)", url)
-    if match:
-        scheme, name, password, host = match.groups()
-        return RTCIceServer(f"{scheme}:{host}", name, password)
-    return RTCIceServer(url)
 
 
 def _track():  # noqa: ANN202

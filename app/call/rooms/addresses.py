@@ -4,6 +4,8 @@ import socket
 
 import psutil
 
+from sensors.types import LOOPBACK
+
 
 def own_address() -> str:
     """The first IPv4 address that is not loopback; 127.0.0.1 where there is none."""
@@ -13,4 +15,4 @@ def own_address() -> str:
                 ("127.", "169.254.")
             ):
                 return entry.address
-    return "127.0.0.1"
+    return LOOPBACK

@@ -13,7 +13,7 @@ from typing import Any
 
 from app.call.rooms.janus_api import JanusError, JanusSession
 from app.call.rooms.janus_server import admin_key, token
-from app.call.rooms.room import LOOK_S, RETRY_S
+from app.call.rooms.room import LOOK_S, RETRY_S, why
 from app.call.wire.invite import Invite
 from sensors.types import InputError
 
@@ -107,7 +107,7 @@ class RoomEnd:
         except JanusError as error:
             raise ServerError(f"{self.url} refuses: {error}", error.code) from None
         except (aiohttp.ClientError, OSError, TimeoutError) as error:
-            raise ServerError(f"{self.url} does not answer: {str(error)[:80]}") from None
+            raise ServerError(f"{self.url} does not answer: {why(error)}") from None
 
 
 class Bridge:

@@ -19,6 +19,7 @@ from app.call.rooms.room import (
     SILENT_S,
     Events,
     LineSettings,
+    why,
 )
 from app.call.wire.invite import Invite, in_url
 from app.call.wire.seal import SealError
@@ -226,7 +227,7 @@ class DirectGuest(DirectRoom):
                     if not self._partner:
                         raise InputError(
                             f"call join: expected somebody at {host}:{invite.port}, got: "
-                            f"{str(error)[:80] or 'no answer'}; ask whether the call is open"
+                            f"{why(error)}; ask whether the call is open"
                         ) from None
                 if told != self._partner:
                     told = self._partner

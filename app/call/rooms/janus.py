@@ -13,7 +13,7 @@ from app.call.media.connection import Connection
 from app.call.media.srtp import Stream
 from app.call.rooms.feed import Feed
 from app.call.rooms.janus_api import JanusError, JanusSession
-from app.call.rooms.room import CONNECT_S, LOOK_S, RETRY_S, Events, LineSettings
+from app.call.rooms.room import CONNECT_S, LOOK_S, RETRY_S, Events, LineSettings, why
 from app.call.wire.agreement import MAX_PEOPLE
 from app.call.wire.invite import Invite
 from app.call.wire.seal import SealError
@@ -60,7 +60,7 @@ class JanusRoom:
                 if not self._been_in:
                     raise InputError(
                         f"call: expected a room server at {self._invite.url}, got: "
-                        f"{str(error)[:80]}; is it running?"
+                        f"{why(error)}; is it running?"
                     ) from None
             if self._is_in:
                 self._events.tell("the room's server is gone; will reconnect when it answers")

@@ -17,7 +17,7 @@ from urllib.parse import urlsplit
 from app.call.wire.invite import ROOM, Invite
 from app.call.wire.seal import derive
 from sensors import files
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 HEX = re.compile(r"[0-9a-f]{64}")
 TOKEN_S = 12 * 3600  # that an invite lets people in
@@ -61,7 +61,7 @@ class ServerSettings:
     """How the server is reached."""
 
     key: str  # 32 hex digits; who has it may make rooms
-    host: str = "127.0.0.1"
+    host: str = LOOPBACK
     port: int = 8188
     public_address: str = ""  # where a router passes the media ports on to this machine
     ports: str = "20000-20400"  # UDP, of the media

@@ -1,5 +1,6 @@
 """The protocol of rooms: how the ends of a call find each other and exchange packets."""
 
+import os
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -12,6 +13,14 @@ RETRY_S = 1.0
 LOOK_S = 0.25  # between two looks at a line
 SILENT_S = 3.0  # without a packet: a new connection is made
 CONNECT_S = 8.0  # for a new connection; its handshake is repeated after 1, 2 and 4 s
+
+
+def why(error: Exception) -> str:
+    """Why a connection failed, in the system's words: those of aiohttp begin with how it tried."""
+    if isinstance(error, OSError):
+        number = error.errno or 0  # below 0: of looking a name up
+        return os.strerror(number) if number > 0 else error.strerror or "no answer"
+    return str(error)[:80] or "no answer"
 
 
 @dataclass(frozen=True, kw_only=True)

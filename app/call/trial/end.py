@@ -33,7 +33,7 @@ from app.call.wire.agreement import Hello
 from app.call.wire.invite import parse
 from app.call.wire.packet import Tick
 from app.call.wire.seal import SECRET_BYTES
-from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
+from sensors.types import LOOPBACK, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 LATE_NS = 10_000_000  # that a card's block may be served late before the trial tells of it
 WARM_UP_S = 6.0  # of connecting and settling, not judged
@@ -51,7 +51,7 @@ class EndSettings:
 
 
 async def run(settings: EndSettings) -> None:
-    bind_only("127.0.0.1")
+    bind_only(LOOPBACK)
     material = load_material(Path(settings.material))
     hello = Hello(
         identity=new_identity(), name=settings.name, basis=material.basis.number, accepted=True
@@ -65,7 +65,7 @@ async def run(settings: EndSettings) -> None:
         task = asyncio.create_task(call.room.run())
     else:
         call.room, task, invite = await host_direct(
-            ("127.0.0.1", 0), "127.0.0.1", secret, call.events(), line
+            (LOOPBACK, 0), LOOPBACK, secret, call.events(), line
         )
         print(json.dumps({"invite": str(invite)}), flush=True)
     await recorder.play(call)
@@ -95,7 +95,7 @@ class Recorder:
         self._partner: Mapping[str, Any] = {}
 
     async def reroute(self, host: str, port: int) -> tuple[str, int]:  # noqa: ARG002
-        return "127.0.0.1", self._settings.leg
+        return LOOPBACK, self._settings.leg
 
     def show(self, sight: Sight, now_ns: int) -> None:
         self._face.push(sight.tick, sight.due, now_ns)

@@ -9,6 +9,8 @@ import random
 from dataclasses import dataclass
 from typing import cast
 
+from sensors.types import LOOPBACK
+
 HEADERS = 28  # bytes of IP and UDP, counted with every packet
 
 
@@ -80,7 +82,7 @@ class Leg(asyncio.DatagramProtocol):
         return self._bad
 
 
-async def open_line(line: LossyLine, seed: int, address: str = "127.0.0.1") -> tuple[Leg, Leg]:
+async def open_line(line: LossyLine, seed: int, address: str = LOOPBACK) -> tuple[Leg, Leg]:
     """Two legs; each end sends to its own."""
     loop = asyncio.get_running_loop()
     legs: list[Leg] = []

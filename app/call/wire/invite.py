@@ -13,7 +13,7 @@ from typing import Literal
 from urllib.parse import parse_qs, quote, urlsplit
 
 from app.call.wire.seal import SECRET_BYTES, derive
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 FINGERPRINT_BYTES = 32  # SHA-256 of the certificate
 SCHEMES: dict[str, Literal["direct", "room"]] = {"livedrive": "direct", "livedrive-room": "room"}
@@ -100,7 +100,7 @@ def _check(invite: Invite) -> None:
         raise ValueError(f"room {invite.room[:40]!r}")
     if invite.token and not TOKEN.fullmatch(invite.token):
         raise ValueError("token")
-    if not invite.fingerprint and invite.host not in ("127.0.0.1", "::1", "localhost"):
+    if not invite.fingerprint and invite.host not in (LOOPBACK, "::1", "localhost"):
         raise ValueError("no fingerprint")
 
 

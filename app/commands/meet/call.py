@@ -1,7 +1,7 @@
 """`livedrive call host | join | server | bridge | test`: people meet as driven heads."""
 
 import getpass
-import re
+import socket
 import sys
 import threading
 from dataclasses import dataclass
@@ -61,11 +61,10 @@ class CallOptions(LiveDriveOptions):
         return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
+        from app.call.wire import ice
+
         for url in self.ice:
-            if not re.fullmatch(r"(stun|turn)s?:[^\s/]+", url):
-                raise InputError(
-                    f"--ice: expected stun:HOST:PORT or turn:NAME:PASSWORD@HOST:PORT, got {url!r}"
-                )
+            ice.parse(url)
         settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call
@@ -74,19 +73,19 @@ class CallOptions(LiveDriveOptions):
         from app.compose.report import finish
         from app.drive.loop import drive
         from app.sinks.sensor_notes import SensorNotes
-        from sensors.clock import MonotonicClock
 
         link = open_call(self.settings_of_call())
         try:
-            self.opened(link, MonotonicClock())
             run = LiveRun(self.live_settings(), settings, link.seats)
             sound = SoundSettings(echo=self.echo, noise=self.noise)
             through_call(run.source, link, sound, self.speaker)
             run.hear_at_page(link)
             tape = CallTape(link, self.record, run.open_recorder)
             with ends_on_signals(run.source) as signals:
-                listen_to_keys(link, run.source.stop)
                 parts = run.build(tape, [SensorNotes(run.source, tell)])
+                invite = link.start(run.clock)  # now that all else that was asked for is there
+                print(self.opening(invite), flush=True)
+                listen_to_keys(link, run.source.stop)
                 summary = drive(with_call(parts, link))
                 tape.close()
         finally:
@@ -100,8 +99,9 @@ class CallOptions(LiveDriveOptions):
         if signals:
             raise KeyboardInterrupt
 
-    def opened(self, link: "CallLink", clock: Any) -> None:
-        """Print what to know before the first frame."""
+    def opening(self, invite: str) -> str:
+        """What to know before the first frame."""
+        raise NotImplementedError
 
 
 @dataclass(kw_only=True)
@@ -124,6 +124,8 @@ class Host(CallOptions):
 
         if bool(self.room) != bool(self.server):
             raise InputError("call host: expected --room and --server together, got one of them")
+        if self.address:
+            _check_address(self.address)
         return CallSettings(
             name=self.name or getpass.getuser(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
@@ -138,9 +140,9 @@ class Host(CallOptions):
             ice_servers=self.ice,
         )
 
-    def opened(self, link: "CallLink", clock: Any) -> None:
-        print(f"invite: {link.wait_for_invite(clock)}", flush=True)
-        print(f"send it to the people you want to meet, by a way that you trust; {KEYS}")
+    def opening(self, invite: str) -> str:
+        send = "send it to the people you want to meet, by a way that you trust"
+        return f"invite: {invite}\n{send}; {KEYS}"
 
 
 @dataclass(kw_only=True)
@@ -165,8 +167,19 @@ class Join(CallOptions):
             ice_servers=self.ice,
         )
 
-    def opened(self, link: "CallLink", clock: Any) -> None:  # noqa: ARG002
-        print(f"joining; {KEYS}", flush=True)
+    def opening(self, invite: str) -> str:  # noqa: ARG002
+        return f"joining; {KEYS}"
+
+
+def _check_address(address: str) -> None:
+    """Whoever gets the invite must be able to find it."""
+    try:
+        socket.getaddrinfo(address.strip("[]"), None)
+    except (OSError, UnicodeError) as error:
+        raise InputError(
+            f"--address: expected an address of this machine, got {address!r} "
+            f"({getattr(error, 'strerror', None) or error}); leave it away to have one found"
+        ) from None
 
 
 def listen_to_keys(link: "CallLink", stop: Any) -> None:

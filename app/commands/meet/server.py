@@ -1,5 +1,7 @@
 """`livedrive call server | bridge | test`: what a call needs beside people."""
 
+import errno
+import re
 import signal
 import socket
 import sys
@@ -10,9 +12,9 @@ from shlex import quote
 
 from tyro.conf import Positional
 
-from app.terminal.arguments import HERE, File, Listening
+from app.terminal.arguments import File, Listening
 from sensors import files
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 
 @dataclass(kw_only=True)
@@ -21,7 +23,7 @@ class Server:
 
     folder: Positional[Path]
     """Folder for its configuration, key and log; created if missing."""
-    host: str = HERE
+    host: str = LOOPBACK
     """Address to listen on; other than on this machine alone it uses TLS."""
     port: Listening = 8188
     """Port to listen on."""
@@ -37,6 +39,7 @@ class Server:
         from app.call.rooms.listen import write_certificate
         from app.call.wire.invite import in_url
 
+        _check_range(self.media)
         host = self.host.strip("[]")  # an address of IPv6 may be given as a URL has it
         _check_free(host, self.port)
         self.folder.mkdir(parents=True, exist_ok=True)
@@ -44,7 +47,7 @@ class Server:
         if not key.exists():
             files.write_text(key, secrets.token_hex(16) + "\n", private=True)
         fragment, scheme = "", "ws"
-        if host != HERE:
+        if host != LOOPBACK:
             pem = self.folder / "certificate.pem"
             fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
         settings = ServerSettings(
@@ -76,11 +79,22 @@ def _check_free(host: str, port: int) -> None:
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
         socket.create_server((host, port), family=family).close()
-    except OSError as error:
+    except (OSError, TypeError) as error:  # TypeError: a name that no address can have
+        number, why = getattr(error, "errno", 0), getattr(error, "strerror", None) or error
+        other = "--port" if number in (errno.EADDRINUSE, errno.EACCES) else "--host"
         raise InputError(
-            f"call server: expected to listen at {host}:{port}, got: {error.strerror or error}; "
-            "choose another --port"
+            f"call server: expected to listen at {host}:{port}, got: {why}; choose another {other}"
         ) from None
+
+
+def _check_range(ports: str) -> None:
+    """Janus takes other ones without a word, and no sound arrives."""
+    found = re.fullmatch(r"(\d{1,5})-(\d{1,5})", ports)
+    if found is None or not 0 < int(found[1]) < int(found[2]) < 65536:
+        raise InputError(
+            f"--media: expected LOW-HIGH of ports in 1..65535, got {ports!r}; "
+            "try --media 20000-20400"
+        )
 
 
 @dataclass(kw_only=True)

@@ -65,6 +65,7 @@ def test_ticks_and_sound_cross_as_they_are() -> None:
 
 class Link:
     muted = eyes_muted = False
+    error = ""
 
     def __init__(self) -> None:
         self.seats, self.changes = Seats(), []
@@ -133,3 +134,12 @@ def test_what_is_muted_does_not_reach_the_driver() -> None:
     assert isinstance(sound, AudioPacket) and not sound.samples.any()
     link.eyes_muted = True
     assert [type(p) for p in gate.poll()] == [AudioPacket]
+
+
+def test_a_call_that_has_failed_ends_the_run() -> None:
+    """Red before: whoever joined a call that was not open drove a head alone until Ctrl-C."""
+    link = Link()
+    gate = Gate(Sensors(), link)  # type: ignore[arg-type]
+    assert not gate.exhausted
+    link.error = "call join: expected somebody"
+    assert gate.exhausted

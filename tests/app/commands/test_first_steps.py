@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 import tyro
 
-from app.main import Command, main
+from app.command_line import Command
+from app.main import main
 
 ROOT = Path(__file__).parents[3]
 
@@ -108,7 +109,7 @@ def test_help_says_what_each_option_is_in_words(monkeypatch: pytest.MonkeyPatch)
 def test_the_command_line_starts_without_networks_and_compilers() -> None:
     """Red before: every help text took 3 s, and Ctrl-C in them showed a traceback."""
     heavy = {"numba", "scipy", "torch", "onnxruntime"}
-    code = f"import sys, app.main; print(*({heavy} & set(sys.modules)))"
+    code = f"import sys, app.command_line; print(*({heavy} & set(sys.modules)))"
     done = subprocess.run(
         [sys.executable, "-c", code],
         env=os.environ | {"PYTHONPATH": str(ROOT)},

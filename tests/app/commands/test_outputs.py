@@ -80,6 +80,10 @@ def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixt
         ("call host --port 99999 --headless --mic none", "expected 0..65535"),
         ("call server DIR --port 99999", "expected 0..65535"),
         ("call host --ice bogus --headless --mic none", "expected stun:HOST:PORT"),
+        ("call host --address nö..such --headless --mic none", "leave it away"),
+        ("call server DIR --media 1", "try --media 20000-20400"),
+        ("call server DIR --media 400-300", "try --media 20000-20400"),
+        ("call server DIR --host nö..such", "choose another --host"),
         ("eval eyes --clips 0", "--real FOLDER"),
         ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
     ],
@@ -88,7 +92,8 @@ def test_a_wrong_word_is_told_at_once(
     words: str, expected: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Red before: a traceback of the call's process, a server that nobody reached, a call without
-    the servers that were asked for, an evaluation of nothing that succeeded."""
+    the servers that were asked for, an invite that nobody could read, an evaluation of nothing that
+    succeeded."""
     assert expected in told(words.split(), capsys)
 
 

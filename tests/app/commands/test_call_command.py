@@ -1,0 +1,143 @@
+"""A call is opened or joined when all that was asked for is there, and not before."""
+
+import asyncio
+import re
+import socket
+import sys
+from typing import Any
+
+import pytest
+
+from app.call.live import protocol
+from app.call.live.protocol import CallSettings
+from app.call.live.service import Service
+from app.call.rooms.direct import DirectGuest
+from app.call.rooms.janus import JanusRoom
+from app.call.rooms.room import Events, LineSettings
+from app.call.table.seats import Seats
+from app.call.trial.material import synthetic_material
+from app.call.wire import ice
+from app.call.wire.ice import IceServer
+from app.call.wire.invite import Invite
+from app.commands.meet.call import CallOptions
+from app.main import main
+from app.process import child
+from app.process.channel import pair
+from sensors.clock import MonotonicClock
+from sensors.types import InputError
+
+INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
+WORDS = {"host": ["call", "host"], "join": ["call", "join", INVITE]}
+TOLD = re.compile(r"(--speaker|--mic|--send|avatar).*: expected.*(livedrive|try)")
+MISSING = ["--mic", "--avatar", "--send"]
+
+
+def refused(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    """The command ends with status 2 and one line, and has neither invited nor joined."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["livedrive", *words, "--headless", "--name", "ann"])
+        patch.setattr("sensors.audio.portaudio.silence_native_messages", lambda: None)
+        with pytest.raises(SystemExit) as ended:
+            main()
+    shown = capsys.readouterr()
+    assert ended.value.code == 2 and shown.out == ""
+    assert len(TOLD.findall(shown.err)) == 1, shown.err
+
+
+@pytest.mark.parametrize("kind", WORDS)
+@pytest.mark.parametrize("option", MISSING)
+def test_what_is_missing_starts_no_call(
+    kind: str, option: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: the invite had been printed, or the other had been called."""
+
+    def start(module: str, *_: object) -> Any:
+        raise AssertionError(f"{module} was started")
+
+    monkeypatch.setattr(child, "start", start)
+    named = "vmc://no-such.invalid:1" if option == "--send" else "no such one"
+    refused([*WORDS[kind], "--mic", "none", "--speaker", "none", option, named], capsys)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", WORDS)
+def test_a_missing_loudspeaker_is_told_once(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: the invite had been printed, and the run went on alone until Ctrl-C."""
+    refused([*WORDS[kind], "--mic", "none", "--speaker", "no such one"], capsys)
+
+
+@pytest.mark.parametrize("settings", [{}, {"invite": INVITE}], ids=WORDS)
+def test_nobody_is_let_in_without_a_loudspeaker(
+    settings: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the call was open when the loudspeaker was looked for."""
+
+    def missing(*_: object) -> None:
+        raise InputError("--speaker: expected an output")
+
+    async def opened(*_: object) -> None:
+        raise AssertionError("the call was opened")
+
+    monkeypatch.setattr("app.call.live.service.Speaker", missing)
+    monkeypatch.setattr(Service, "_open_room", opened)
+    ours, theirs = pair()
+    seats = Seats()
+    try:
+        service = Service(theirs, seats, synthetic_material(3, 0).basis, MonotonicClock(), 0)
+        with pytest.raises(InputError, match="--speaker"):
+            asyncio.run(service.run(CallSettings(name="ann", avatar="ben", **settings)))
+        assert protocol.INVITE not in {packet[:1] for packet in ours.waiting()}
+    finally:
+        ours.close()
+        theirs.close()
+
+
+@pytest.mark.parametrize("kind", ["direct", "room"])
+def test_why_nobody_answers_is_told(kind: Any) -> None:
+    """Red before: "ssl:<aiohttp.client_reqrep.Fingerprint ob", cut off before the reason."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    room = "choir" if kind == "room" else ""
+    invite = Invite(kind, "127.0.0.1", port, bytes(16), bytes(32), room)
+    events = Events(**dict.fromkeys(Events.__dataclass_fields__, print))
+
+    async def run() -> None:
+        if kind == "room":
+            await JanusRoom(invite, "ann", events, LineSettings()).run()
+        else:
+            await DirectGuest(invite, events, LineSettings()).run()
+
+    with pytest.raises(InputError, match="got: Connection refused;"):
+        asyncio.run(run())
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("stun:example.org", IceServer("stun:example.org")),
+        ("stuns:192.0.2.7:5349", IceServer("stuns:192.0.2.7:5349")),
+        ("turn:ann:a/b+c=@example.org:3478", IceServer("turn:example.org:3478", "ann", "a/b+c=")),
+        (
+            "turns:ann:x:y@h:1?transport=tcp",
+            IceServer("turns:h:1?transport=tcp", "ann", "x:y"),
+        ),
+    ],
+)
+def test_servers_for_the_line_are_read(text: str, expected: IceServer) -> None:
+    """Red before: a password with a slash was refused, as most that are random have one."""
+    assert ice.parse(text) == expected
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["turn:example.org:3478", "turn:ann@example.org", "stun:h:99999", "stun:[::1]:1", "stun:", "x"],
+)
+def test_what_is_no_server_is_refused(text: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: the first five passed, and failed later in the call's process."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["livedrive", *WORDS["host"], "--ice", text])
+        patch.setattr(CallOptions, "live_drive_settings", lambda *_, **__: sys.exit("passed"))
+        with pytest.raises(SystemExit) as ended:
+            main()
+    assert ended.value.code == 2
+    assert "turn:NAME:PASSWORD@HOST:PORT" in capsys.readouterr().err

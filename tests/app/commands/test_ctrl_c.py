@@ -1,0 +1,53 @@
+"""Ctrl-C ends a command in one line and with status 130, also while it is still starting."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[3]
+CODE = """
+import os, signal, sys
+module, ignored, *words = sys.argv[1:]
+
+class CtrlC:
+    def find_spec(self, name, *_):
+        if name == module:
+            sys.meta_path.remove(self)
+            os.kill(os.getpid(), signal.SIGINT)
+
+sys.meta_path.insert(0, CtrlC())
+if ignored:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+sys.argv[1:] = words
+from app.main import main
+main()
+"""
+
+
+def avatars(module: str, *, ignored: bool = False) -> "subprocess.CompletedProcess[str]":
+    """`livedrive avatar list`, which gets Ctrl-C when it imports `module`."""
+    return subprocess.run(
+        [sys.executable, "-c", CODE, module, "yes" if ignored else "", "avatar", "list"],
+        cwd=ROOT,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+
+
+@pytest.mark.parametrize(
+    "module", ["tyro", "numpy", "numpy._core.getlimits", "sensors.types", "app.commands.train"]
+)
+def test_ctrl_c_while_starting_is_one_line(module: str) -> None:
+    """Red before: tracebacks of imports in the first half second, and other statuses."""
+    done = avatars(module)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")
+
+
+def test_ctrl_c_that_is_ignored_stays_ignored() -> None:
+    """As under `nohup`, or behind an & of a script."""
+    done = avatars("numpy", ignored=True)
+    assert done.returncode == 0 and "ben" in done.stdout, done.stderr
