@@ -1,14 +1,16 @@
 """The web server's process, started by WebSink."""
 
+import errno
 import json
 import logging
+import socket
 from datetime import UTC, datetime
 
 from app.process import child
 from app.process.channel import Channel
 from app.web.info import ServerInfo
 from app.web.link import STATUS
-from sensors.types import InputError
+from sensors.types import LOOPBACK, InputError
 
 
 def main() -> None:
@@ -29,8 +31,10 @@ def main() -> None:
         _fail(end, str(error))
     except OSError as error:
         what = error.strerror or str(error)
-        where = f"{info.host}:{info.port}"
-        _fail(end, f"web: expected to listen at {where}, got: {what}; choose another port")
+        where, cure = f"{info.host}:{info.port}", "choose another port"
+        if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
+            cure = f"choose an address of this machine, e.g. --host {LOOPBACK} or 0.0.0.0"
+        _fail(end, f"web: expected to listen at {where}, got: {what}; {cure}")
 
 
 def _fail(end: Channel, problem: str) -> None:

@@ -19,8 +19,8 @@ class CtrlC:
             os.kill(os.getpid(), signal.SIGINT)
 
 sys.meta_path.insert(0, CtrlC())
-if ignored:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+# as Python starts in a terminal, even where these tests were started with an &
+signal.signal(signal.SIGINT, signal.SIG_IGN if ignored else signal.default_int_handler)
 sys.argv[1:] = words
 from app.main import main
 main()

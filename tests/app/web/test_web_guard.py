@@ -188,6 +188,16 @@ def test_a_certificate_is_kept_until_it_is_too_old(tmp_path: Path) -> None:
     assert names.read_bytes() != second
 
 
+@pytest.mark.parametrize("host", ["203.0.113.7", "nobody.invalid"])
+def test_an_address_of_another_machine_is_told(decoder: Decoder, host: str) -> None:
+    """Red before: "choose another port"."""
+    with (
+        pytest.raises(InputError, match="choose an address of this machine"),
+        serving(decoder, host=host),
+    ):
+        pass
+
+
 def test_a_port_in_use_is_one_line(decoder: Decoder) -> None:
     with socket.socket() as other:
         other.bind(("127.0.0.1", 0))
