@@ -40,11 +40,6 @@ class Record(LiveOptions):
     def live_settings(self) -> LiveSettings:
         settings = super().live_settings()
         if not self.xr:
-            if settings.mic == "none" and not settings.eyes and settings.head == "still":
-                raise InputError(
-                    "record: expected something to record, got --mic none, no cameras and no head "
-                    "tracker; leave --mic away, or give --eyes SPEC"
-                )
             return settings
         if self.head not in ("still", "xr"):
             raise InputError(f"--xr: expected one tracker, got --head {self.head}, too; give one")

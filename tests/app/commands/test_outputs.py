@@ -84,7 +84,6 @@ def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixt
         ("call server DIR --media 1", "try --media 20000-20400"),
         ("call server DIR --media 400-300", "try --media 20000-20400"),
         ("call server DIR --host nö..such", "choose another --host"),
-        ("record DIR --mic none", "or give --eyes SPEC"),
         ("eval eyes --clips 0", "--real FOLDER"),
         ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
     ],
