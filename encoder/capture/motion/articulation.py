@@ -27,24 +27,22 @@ def opening(rig: np.ndarray) -> np.ndarray:
 def in_sync(curves: np.ndarray, phones: list[Phone], style: Style) -> bool:
     """Do the lips of [T, 53] do what the phones ask, and when they ask it?"""
     times = rules.frame_times(len(curves))
-    made, close, _ = _asked(phones, times, style)
+    level = np.ones(len(times), np.float32)
+    speaking = rules.speaking_at(phones, times)
+    made = rules.open_mouth(rules.gesture_tracks(phones, times, style), level, speaking, style)
+    close, _ = _contacts(phones, times)
     asked = (opening(made) * (1 - close)).astype(np.float64)
     r, shift = best_shift(opening(curves).astype(np.float64), asked, 2 * SYNC_FRAMES)
     return r >= SYNC_R and abs(shift) <= SYNC_FRAMES
 
 
-def _asked(
-    phones: list[Phone], times: np.ndarray, style: Style
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """[T, 53] of a mouth without contacts, [T] 0..1 lips shut, [T] 0..1 lower lip on teeth."""
-    level = np.ones(len(times), np.float32)
-    speaking = rules.speaking_at(phones, times)
-    made = rules.open_mouth(rules.gesture_tracks(phones, times, style), level, speaking, style)
+def _contacts(phones: list[Phone], times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """[T] 0..1 lips shut, [T] 0..1 lower lip on teeth."""
     meet = closures.holds(phones, LIP_CLOSING, times, np.zeros(len(times), bool))
     shut = (times >= meet[:, :1]) & (times <= meet[:, 1:])
     on_teeth = closures.holds(phones, TEETH_TOUCHING, times, np.asarray(shut.any(0)))
     every = np.concatenate([meet, on_teeth])
-    return made, closures.contact(meet, every, times), closures.contact(on_teeth, every, times)
+    return closures.contact(meet, every, times), closures.contact(on_teeth, every, times)
 
 
 def tongue(phones: list[Phone], num_frames: int, style: Style) -> np.ndarray:
@@ -61,5 +59,5 @@ def articulated(
     lips: LipGeometry | None,
 ) -> np.ndarray:
     """[T, 53] with closures of p b m and the tuck of f v as the phones ask."""
-    _, close, touch = _asked(phones, rules.frame_times(len(curves)), style)
+    close, touch = _contacts(phones, rules.frame_times(len(curves)))
     return np.clip(closures.with_contacts(curves.copy(), close, touch, style, lips), 0, 1)
