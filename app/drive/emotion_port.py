@@ -13,6 +13,7 @@ from collections import deque
 from collections.abc import Callable
 
 from sensors import osc
+from sensors.listening import cannot_listen
 from sensors.types import InputError
 
 ADDRESS = "/livedrive/emotion"
@@ -36,9 +37,7 @@ class OscPort:
             self._socket.bind((host, port))
         except (OSError, OverflowError) as error:
             self._socket.close()
-            raise InputError(
-                f"--listen: expected a free UDP port, got {host}:{port} ({error}); try another"
-            ) from None
+            raise cannot_listen("--listen", host, port, error) from None
         self._thread = threading.Thread(target=self._listen, name="emotion port", daemon=True)
         self._thread.start()
 

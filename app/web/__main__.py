@@ -1,16 +1,15 @@
 """The web server's process, started by WebSink."""
 
-import errno
 import json
 import logging
-import socket
 from datetime import UTC, datetime
 
 from app.process import child
 from app.process.channel import Channel
 from app.web.info import ServerInfo
 from app.web.link import STATUS
-from sensors.types import LOOPBACK, InputError
+from sensors.listening import cannot_listen
+from sensors.types import InputError
 
 
 def main() -> None:
@@ -30,11 +29,7 @@ def main() -> None:
     except InputError as error:
         _fail(end, str(error))
     except OSError as error:
-        what = error.strerror or str(error)
-        where, cure = f"{info.host}:{info.port}", "choose another port"
-        if isinstance(error, socket.gaierror) or error.errno == errno.EADDRNOTAVAIL:
-            cure = f"choose an address of this machine, e.g. --host {LOOPBACK} or 0.0.0.0"
-        _fail(end, f"web: expected to listen at {where}, got: {what}; {cure}")
+        _fail(end, str(cannot_listen("web", info.host, info.port, error)))
 
 
 def _fail(end: Channel, problem: str) -> None:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from sensors.head.gate import Reading, ReadingCounts, ReadingGate
-from sensors.types import FPS, NS, Clock, HeadPacket, InputError
+from sensors.listening import cannot_listen
+from sensors.types import FPS, NS, Clock, HeadPacket
 
 BURST = 32  # datagrams that are read before the thread rests
 PAUSE_S = 0.002  # then: a flood costs the tick little
@@ -55,9 +56,7 @@ class UdpLink:
             self._socket.bind(self._address)
         except (OSError, OverflowError) as error:
             self._socket.close()
-            raise InputError(
-                f"--head: expected a free UDP port, got {host}:{port} ({error}); try another"
-            ) from None
+            raise cannot_listen("--head", host, port, error) from None
         self._thread = threading.Thread(target=self._listen, name="head", daemon=True)
         self._thread.start()
 

@@ -23,6 +23,7 @@ from app.call.rooms.room import (
 )
 from app.call.wire.invite import Invite, in_url
 from app.call.wire.seal import SealError
+from sensors.listening import cannot_listen
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -132,11 +133,7 @@ class DirectHost(DirectRoom):
             try:
                 await web.TCPSite(runner, *self._listen, ssl_context=self._tls).start()
             except OSError as error:
-                where = "{}:{}".format(*self._listen)
-                raise InputError(
-                    f"call host: expected to listen at {where}, got: {error.strerror or error}; "
-                    "try another --port"
-                ) from None
+                raise cannot_listen("call host", *self._listen, error) from None
             self.port.set_result(runner.addresses[0][1])
             while True:
                 await self._keep_connected()

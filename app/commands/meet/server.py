@@ -1,6 +1,5 @@
 """`livedrive call server | bridge | test`: what a call needs beside people."""
 
-import errno
 import re
 import signal
 import socket
@@ -14,6 +13,7 @@ from tyro.conf import Positional
 
 from app.terminal.arguments import File, Listening
 from sensors import files
+from sensors.listening import cannot_listen
 from sensors.types import LOOPBACK, InputError
 
 
@@ -80,11 +80,7 @@ def _check_free(host: str, port: int) -> None:
     try:
         socket.create_server((host, port), family=family).close()
     except (OSError, TypeError) as error:  # TypeError: a name that no address can have
-        number, why = getattr(error, "errno", 0), getattr(error, "strerror", None) or error
-        other = "--port" if number in (errno.EADDRINUSE, errno.EACCES) else "--host"
-        raise InputError(
-            f"call server: expected to listen at {host}:{port}, got: {why}; choose another {other}"
-        ) from None
+        raise cannot_listen("call server", host, port, error) from None
 
 
 def _check_range(ports: str) -> None:

@@ -83,7 +83,7 @@ def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixt
         ("call host --address nö..such --headless --mic none", "leave it away"),
         ("call server DIR --media 1", "try --media 20000-20400"),
         ("call server DIR --media 400-300", "try --media 20000-20400"),
-        ("call server DIR --host nö..such", "choose another --host"),
+        ("call server DIR --host nö..such", "choose an address of this machine"),
         ("eval eyes --clips 0", "--real FOLDER"),
         ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
     ],
@@ -102,7 +102,7 @@ def test_a_server_needs_its_port(tmp_path: Path, capsys: pytest.CaptureFixture[s
     with socket.create_server(("127.0.0.1", 0)) as held:
         port = held.getsockname()[1]
         said = told(f"call server {tmp_path} --port {port}".split(), capsys)
-    assert "choose another --port" in said and not any(tmp_path.iterdir())
+    assert "choose another port" in said and not any(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize(

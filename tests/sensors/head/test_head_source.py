@@ -56,7 +56,7 @@ def test_poses_come_through_a_port_and_a_flood_ends_nothing() -> None:
                 sender.sendto(datagram, ("127.0.0.1", link.port))
     assert len(told) == 1 and source.dropped > 0
     again = HeadSource("vmc", lambda: UdpLink(*_taken(link.port, gate)), MonotonicClock())
-    with pytest.raises(InputError, match="free UDP port"):
+    with pytest.raises(InputError, match="choose another port"):
         again.open()
     source.close()
     source.close()

@@ -1,0 +1,30 @@
+"""An address where nothing can listen is told with what to choose anew."""
+
+import errno
+import os
+import socket
+
+import pytest
+
+from sensors.listening import cannot_listen
+
+
+def failure(number: int) -> OSError:
+    return OSError(number, os.strerror(number))
+
+
+@pytest.mark.parametrize(
+    ("error", "cure"),
+    [
+        (failure(errno.EADDRINUSE), "choose another port"),
+        (failure(errno.EACCES), "choose another port"),
+        (OverflowError("bind(): port must be 0-65535."), "choose another port"),
+        (failure(errno.EADDRNOTAVAIL), "choose an address of this machine"),
+        (socket.gaierror(-2, "Name or service not known"), "choose an address of this machine"),
+        (TypeError("encoding of hostname failed"), "choose an address of this machine"),
+    ],
+)
+def test_what_to_choose_anew_follows_from_the_error(error: Exception, cure: str) -> None:
+    said = str(cannot_listen("--head", "10.0.0.1", 80, error))
+    assert said.startswith("--head: expected to listen at 10.0.0.1:80, got: ") and cure in said
+    assert "None" not in said
