@@ -169,6 +169,15 @@ class _State:
         self.step, self.smooth, self.curve = run["step"], run["smooth"], run["curve"]
 
 
+def steps_done(run: RunSettings) -> int:
+    """By the state on the disk; 0 where there is none."""
+    try:
+        with safe_open(run.file, "pt") as file:
+            return int(json.loads((file.metadata() or {})["run"])["step"])
+    except (OSError, SafetensorError, KeyError):
+        return 0
+
+
 def train(
     name: str,
     modules: Mapping[str, nn.Module],

@@ -84,10 +84,11 @@ def train(
     """In place: mouth, what hears voices, and the contact head behind both, each alone, each with a
     state of its own. Returns the metrics of all and the curve of the mouth."""
     run, modules = config.run, listener.parts
-    later = run.followed_by("voice"), run.followed_by("contact")
-    if not run.resume:  # a state from before would count as finished if this run is cut short
-        for part in later:
-            part.file.unlink(missing_ok=True)
+    names = "voice", "contact"
+    if not run.resume or loop.steps_done(run) < config.steps:  # what is there is of another mouth
+        for name in names:
+            run.followed_by(name).file.unlink(missing_ok=True)
+    later = [run.followed_by(name) for name in names]
 
     def trained(
         name: str, losses: PartLosses, steps: int, rate: float, run: loop.RunSettings

@@ -305,6 +305,15 @@ def test_a_run_that_is_cut_short_goes_on_where_it_was(config, tmp_path, monkeypa
         np.testing.assert_allclose(tensor, wanted[1][name], rtol=1e-3, atol=1e-4)
 
 
+def test_a_mouth_that_goes_on_gets_a_voice_and_a_head_of_its_own(config, monkeypatch) -> None:
+    """Red before: the finished ones of the shorter run were kept."""
+    listen.run(config, FACE)
+    asked = counted(monkeypatch)
+    further = replace(config, steps=config.steps + 1, run=replace(config.run, resume=True))
+    listen.run(further, FACE)
+    assert asked == ["mouth"] + ["voice"] * config.voice_steps + ["contact"] * config.contact_steps
+
+
 def test_the_card_tells_of_all_parts(config) -> None:
     listen.run(config, FACE)
     card = load_student(config.output, "gaze")[2]["listen"]
