@@ -6,7 +6,8 @@ its header), replaced as a whole: after a kill at any moment the last one is val
 
 import json
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from math import cos, pi
 from pathlib import Path
@@ -144,15 +145,8 @@ class _State:
             save_file(tensors, draft, {"run": words})
 
     def load(self, path: Path) -> None:
-        try:
-            with safe_open(path, "pt") as file:
-                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-                run = json.loads((file.metadata() or {})["run"])
-        except (FileNotFoundError, SafetensorError, KeyError) as error:
-            raise InputError(
-                f"--resume: expected the state of a run in {path}, got {error}; "
-                "run the stage without --resume"
-            ) from error
+        with _opened(path) as (file, run):
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
         for key, module in self.modules.items():
             prefix = f"{key}/"
             module.load_state_dict(
@@ -169,13 +163,23 @@ class _State:
         self.step, self.smooth, self.curve = run["step"], run["smooth"], run["curve"]
 
 
-def steps_done(run: RunSettings) -> int:
-    """By the state on the disk; 0 where there is none."""
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
+    """A state's tensors and what its header says of the run; raises InputError."""
     try:
-        with safe_open(run.file, "pt") as file:
-            return int(json.loads((file.metadata() or {})["run"])["step"])
-    except (OSError, SafetensorError, KeyError):
-        return 0
+        with safe_open(path, "pt") as file:
+            yield file, json.loads((file.metadata() or {})["run"])
+    except (FileNotFoundError, SafetensorError, KeyError) as error:
+        raise InputError(
+            f"--resume: expected the state of a run in {path}, got {error}; "
+            "run the stage without --resume"
+        ) from error
+
+
+def steps_done(run: RunSettings) -> int:
+    """Of a run that is resumed; raises InputError where it left no state."""
+    with _opened(run.file) as (_, about):
+        return int(about["step"])
 
 
 def train(

@@ -314,6 +314,16 @@ def test_a_mouth_that_goes_on_gets_a_voice_and_a_head_of_its_own(config, monkeyp
     assert asked == ["mouth"] + ["voice"] * config.voice_steps + ["contact"] * config.contact_steps
 
 
+def test_a_damaged_mouth_is_told_before_what_follows_it_is_gone(config, tmp_path) -> None:
+    """Red before: the states of voice and head were deleted first."""
+    listen.run(config, FACE)
+    config.run.file.write_bytes(b"no state")
+    with pytest.raises(InputError, match="run the stage without --resume"):
+        listen.run(replace(config, run=replace(config.run, resume=True)), FACE)
+    names = {"state", "state_voice", "state_contact"}
+    assert {path.stem for path in tmp_path.glob("state*.safetensors")} == names
+
+
 def test_the_card_tells_of_all_parts(config) -> None:
     listen.run(config, FACE)
     card = load_student(config.output, "gaze")[2]["listen"]
