@@ -26,7 +26,7 @@ from encoder.training.stages import chain
 from encoder.training.stages.listen_config import ListenConfig
 from encoder.training.stages.listener import Batch, Listener, finish, new_listener
 from encoder.training.streams.pieces import SpokenPieces
-from encoder.training.streams.spoken import Ears, hear_pack
+from encoder.training.streams.spoken import Ears, hear_among, hear_pack
 
 PartLosses = Callable[[Batch, ListenConfig], loop.Losses]
 
@@ -58,14 +58,18 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     frames = hear_pack(
         config.pack, ears, recipe, seed=config.run.seed, versions=config.versions,
         noises=config.noises,
-    ).without(config.without)  # fmt: skip
-    pieces = SpokenPieces(
-        frames, Mouth.of(face), batch=config.batch, length=config.frames, rules=config.rules,
-        rest=config.rest,
+    )  # fmt: skip
+    among = hear_among(config.pack, ears, recipe, seed=config.run.seed)
+    pieces, voices = (
+        SpokenPieces(
+            part.without(config.without), Mouth.of(face), batch=config.batch, length=config.frames,
+            rules=config.rules, rest=config.rest,
+        )
+        for part in (frames, frames.followed_by(among))
     )  # fmt: skip
     torch.manual_seed(config.run.seed)  # of the first weights, whoever heard the pack
     listener = new_listener(pieces, student, config)
-    metrics, curve = train(listener, pieces, config)
+    metrics, curve = train(listener, pieces, voices, config)
     finish(listener, config)
     names = (
         "share", "lines", "gain", "width_gain", "gate", "balance", "rules", "rest", "versions",
@@ -79,10 +83,10 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
 
 
 def train(
-    listener: Listener, pieces: SpokenPieces, config: ListenConfig
+    listener: Listener, pieces: SpokenPieces, voices: SpokenPieces, config: ListenConfig
 ) -> tuple[dict[str, float], loop.Curve]:
-    """In place: mouth, what hears voices, and the contact head behind both, each alone, each with a
-    state of its own. Returns the metrics of all and the curve of the mouth."""
+    """In place: mouth, what hears voices (from `voices`), and the contact head behind both, each
+    alone, each with a state of its own. Returns the metrics of all and the curve of the mouth."""
     run, modules = config.run, listener.parts
     names = "voice", "contact"
     if not run.resume or loop.steps_done(run) < config.steps:  # what is there is of another mouth
@@ -91,7 +95,12 @@ def train(
     later = [run.followed_by(name) for name in names]
 
     def trained(
-        name: str, losses: PartLosses, steps: int, rate: float, run: loop.RunSettings
+        name: str,
+        losses: PartLosses,
+        steps: int,
+        rate: float,
+        run: loop.RunSettings,
+        pieces: SpokenPieces = pieces,
     ) -> tuple[dict[str, float], loop.Curve]:
         def step_losses(step: int, rng: np.random.Generator) -> loop.Losses:
             return losses(pieces.draw(rng), config)
@@ -102,7 +111,7 @@ def train(
 
     mouth, curve = trained("mouth", listener.mouth_losses, config.steps, config.rate, run)
     voice, _ = trained(
-        "voice", listener.voice_losses, config.voice_steps, config.voice_rate, later[0]
+        "voice", listener.voice_losses, config.voice_steps, config.voice_rate, later[0], voices
     )
     contact, _ = trained(
         "contact", listener.contact_losses, config.contact_steps, config.contact_rate, later[1]

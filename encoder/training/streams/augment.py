@@ -14,6 +14,7 @@ from encoder.capture.speech.handling import HANDLING
 
 Noise = Callable[[int, np.random.Generator], np.ndarray]  # [n] of about unit RMS
 OTHERS_DB = (3, 26)  # that other voices are below a talker
+ON_S, OFF_S, EDGE_S = (0.1, 0.5), (0.05, 0.6), 0.01  # of voices in syllables and pauses
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,6 +85,42 @@ def not_speech(
     level = 10 ** (rng.uniform(-70, -14) / 20)
     make = kinds[rng.integers(len(kinds))]
     return np.clip(level * make(count, rng), -1, 1).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Crowd:
+    """Makes other people's voices out of clips [n] int16."""
+
+    sounds: list[np.ndarray]
+
+    def talk(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """[count] unit RMS: one to six voices at once, half of the times in syllables."""
+        return self._mixed(count, rng, rng.random() < 0.5)
+
+    def in_syllables(self, count: int, rng: np.random.Generator) -> np.ndarray:
+        """[count] unit RMS: each of the voices in syllables and pauses of its own."""
+        return self._mixed(count, rng, True)
+
+    def _mixed(self, count: int, rng: np.random.Generator, syllables: bool) -> np.ndarray:
+        sound = np.zeros(count)
+        for _ in range(int(rng.integers(1, 7))):
+            voice = self.sounds[rng.integers(len(self.sounds))]
+            start = int(rng.integers(max(len(voice) - count, 0) + 1))
+            part = np.resize(voice[start : start + count], count).astype(np.float64)
+            level = rng.uniform(0.3, 1) / max(float(part.std()), 30.0)
+            sound += level * part * (on_and_off(count, rng) if syllables else 1)
+        return sound / max(float(sound.std()), 1e-3)
+
+
+def on_and_off(count: int, rng: np.random.Generator) -> np.ndarray:
+    """[count] 0..1: a voice that comes in syllables of ON_S, between pauses of OFF_S."""
+    pairs = int(count / PACK_RATE / (ON_S[0] + OFF_S[0])) + 3
+    lengths = np.stack([rng.uniform(*ON_S, pairs), rng.uniform(*OFF_S, pairs)], 1).ravel()
+    changes = np.cumsum(lengths) - rng.uniform(0, lengths[0] + lengths[1])  # starts anywhere
+    moments = np.stack([changes - EDGE_S / 2, changes + EDGE_S / 2], 1).ravel()
+    states = np.tile([1.0, 0.0, 0.0, 1.0], pairs)
+    rise = np.interp(np.arange(count) / PACK_RATE, moments, states)
+    return 0.5 - 0.5 * np.cos(np.pi * rise)
 
 
 def equalise(audio: np.ndarray, rng: np.random.Generator) -> np.ndarray:

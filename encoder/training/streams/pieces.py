@@ -11,6 +11,7 @@ from encoder.training.streams.spoken import REST, RULES, SpokenFrames
 
 LEAST = 1e-3  # share of a phone, added to all
 EARLY = 0.25  # of a frame by which lips are asked before the labels: in doubt they open late
+PAUSE = 4  # frames from what a talker says, beyond which that one is not heard
 
 
 class SpokenPieces:
@@ -38,7 +39,8 @@ class SpokenPieces:
         self._chances = chances / chances.sum()
         apart = mouth.gap(torch.from_numpy(truth)).numpy() > APART_MM
         voiced = (frames.phones > 0) | ((frames.phones < 0) & apart)
-        self.voiced = np.where(frames.voice == REST, 0, np.where(voiced, 1, -1)).astype(np.int8)
+        silent = (frames.voice == REST) | pauses(frames)
+        self.voiced = np.where(silent, 0, np.where(voiced, 1, -1)).astype(np.int8)
         truth = levelled(truth, frames.voice, self.voiced == 1, mouth)
         self.truth = earlier(truth, frames.lengths)
 
@@ -63,6 +65,16 @@ def earlier(truth: np.ndarray, lengths: np.ndarray) -> np.ndarray:
     last = np.cumsum(lengths) - 1
     following[last] = truth[last]
     return (1 - EARLY) * truth + EARLY * following
+
+
+def pauses(frames: SpokenFrames) -> np.ndarray:
+    """[N] bool: where nothing is said by a talker whose phones are known, for PAUSE frames before
+    and after; others may talk."""
+    clips = np.repeat(np.arange(len(frames.lengths)), frames.lengths)
+    near = np.zeros(len(clips), bool)
+    for shift in range(-PAUSE, PAUSE + 1):
+        near |= (np.roll(frames.phones, shift) > 0) & (np.roll(clips, shift) == clips)
+    return (frames.phones == 0) & ~near
 
 
 def voice_weights(voice: np.ndarray, rules: float, rest: float) -> np.ndarray:

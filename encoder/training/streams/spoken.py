@@ -6,7 +6,7 @@ same sound, and many kinds of sounds without a voice. Kept in the pack for reuse
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +14,14 @@ import torch
 from tqdm import tqdm
 
 from encoder.audio.encoder import AudioEncoder
-from encoder.capture.dataset import PACK_RATE, PACK_SAMPLES_PER_FRAME, Clip, iter_pack
+from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
 from encoder.training.clips import stacked
 from encoder.training.streams.augment import (
     NOT_SPEECH,
     OTHERS_DB,
     Crop,
+    Crowd,
     Noise,
     clicks,
     crop,
@@ -35,7 +36,9 @@ RULES_KEPT = 0.3  # share of rule-made clips that are heard, to save time
 ALIKE = 0.5  # share of tracked clips whose other voices say words and pauses like theirs
 PLAIN_DB = (6, 14)  # that other voices are below a plain clip
 TRACKED_DB = (2, 18)  # below a tracked clip
-ON_S, OFF_S, EDGE_S = (0.1, 0.5), (0.05, 0.6), 0.01  # of voices in syllables and pauses
+AMONG = 2  # versions of a tracked clip among others, for what hears voices
+AMONG_DB = (4, 14)  # that they are below it there
+AMONG_DISTORTED = 0.2  # probability of each other distortion in half of these
 CLICKS = 5  # of so many sounds without a voice one is of keys and knocks: they are voice-like
 RULES, REST = "", "-"  # who shows rule-made motion, or none
 _WHO = {"rules": RULES, "rest": REST}
@@ -67,42 +70,6 @@ class Ears:
 
 
 @dataclass(frozen=True)
-class Crowd:
-    """Makes other people's voices out of clips [n] int16."""
-
-    sounds: list[np.ndarray]
-
-    def talk(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """[count] unit RMS: one to six voices at once, half of the times in syllables."""
-        return self._mixed(count, rng, rng.random() < 0.5)
-
-    def in_syllables(self, count: int, rng: np.random.Generator) -> np.ndarray:
-        """[count] unit RMS: each of the voices in syllables and pauses of its own."""
-        return self._mixed(count, rng, True)
-
-    def _mixed(self, count: int, rng: np.random.Generator, syllables: bool) -> np.ndarray:
-        sound = np.zeros(count)
-        for _ in range(int(rng.integers(1, 7))):
-            voice = self.sounds[rng.integers(len(self.sounds))]
-            start = int(rng.integers(max(len(voice) - count, 0) + 1))
-            part = np.resize(voice[start : start + count], count).astype(np.float64)
-            level = rng.uniform(0.3, 1) / max(float(part.std()), 30.0)
-            sound += level * part * (on_and_off(count, rng) if syllables else 1)
-        return sound / max(float(sound.std()), 1e-3)
-
-
-def on_and_off(count: int, rng: np.random.Generator) -> np.ndarray:
-    """[count] 0..1: a voice that comes in syllables of ON_S, between pauses of OFF_S."""
-    pairs = int(count / PACK_RATE / (ON_S[0] + OFF_S[0])) + 3
-    lengths = np.stack([rng.uniform(*ON_S, pairs), rng.uniform(*OFF_S, pairs)], 1).ravel()
-    changes = np.cumsum(lengths) - rng.uniform(0, lengths[0] + lengths[1])  # starts anywhere
-    moments = np.stack([changes - EDGE_S / 2, changes + EDGE_S / 2], 1).ravel()
-    states = np.tile([1.0, 0.0, 0.0, 1.0], pairs)
-    rise = np.interp(np.arange(count) / PACK_RATE, moments, states)
-    return 0.5 - 0.5 * np.cos(np.pi * rise)
-
-
-@dataclass(frozen=True)
 class SpokenFrames:
     """Frames of clips, end to end."""
 
@@ -113,6 +80,11 @@ class SpokenFrames:
     voice: np.ndarray  # [N] str, the talker's, RULES or REST
     lengths: np.ndarray  # [C] int64 frames of the clips
     plain: np.ndarray  # [N] bool: of few clips, phones known, undistorted but for other voices
+
+    def followed_by(self, more: "SpokenFrames") -> "SpokenFrames":
+        return SpokenFrames(
+            *(np.concatenate([part, vars(more)[name]]) for name, part in vars(self).items())
+        )
 
     def without(self, names: tuple[str, ...]) -> "SpokenFrames":
         """The same without these talkers; raise InputError where there is no such talker."""
@@ -129,17 +101,27 @@ def hear_pack(
     pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
-    path = pack / "spoken.npz"
     recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, syllables, near"
+    return _heard(pack / "spoken.npz", recipe, _parts(pack, seed, versions, noises), ears)
+
+
+def hear_among(pack: Path, ears: Ears, recipe: str, *, seed: int) -> SpokenFrames:
+    """Further versions of tracked clips, in all of which other people talk: what hears voices
+    learns from them who is near. Kept as those of `hear_pack`."""
+    return _heard(pack / "among.npz", f"{recipe} {seed} among", _among_parts(pack, seed), ears)
+
+
+Part = tuple[Crop, str, np.random.Generator, bool]  # whose it is, whether it is plain
+
+
+def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> SpokenFrames:
     names = tuple(SpokenFrames.__dataclass_fields__)
     if path.is_file():
         with np.load(path, allow_pickle=False) as data:
             if str(data["recipe"]) == recipe:
                 return SpokenFrames(*(data[name] for name in names))
     rows = []
-    for part, voice, rng, plain in tqdm(
-        _parts(pack, seed, versions, noises), "clips", mininterval=2
-    ):
+    for part, voice, rng, plain in tqdm(parts, "clips", mininterval=2):
         torch.manual_seed(int(rng.integers(1 << 62)))
         heard, own = ears.hear(part.audio, part.gaze.reshape(-1, 6), None if plain else rng)
         rows.append([
@@ -152,19 +134,52 @@ def hear_pack(
     return spoken
 
 
-def _parts(
-    pack: Path, seed: int, versions: int, noises: int
-) -> Iterator[tuple[Crop, str, np.random.Generator, bool]]:
+@dataclass(frozen=True)
+class _Speakers:
+    """The clips of a pack, and who talks beside them."""
+
+    clips: list[Clip]
+    rare: set[str]  # talkers who have few tracked clips
+    crowd: Crowd
+    same: Crowd  # words and pauses like those of the tracked ones
+    real: Crowd  # people without text
+
+    @staticmethod
+    def of(pack: Path) -> "_Speakers":
+        everything = list(iter_pack(pack, "train"))
+        clips = [clip for clip in everything if clip.truth in ("tracked", *_WHO)]
+        crowd = Crowd([c.audio for c in everything if c.truth in ("rules", "envelope")])
+        real = [c.audio for c in everything if c.truth == "envelope"]
+        voices = [clip.voice for clip in clips if clip.truth == "tracked"]
+        most = max((voices.count(voice) for voice in set(voices)), default=1)
+        rare = {voice for voice in voices if voices.count(voice) < most / 4}
+        many = [c.audio for c in clips if c.truth == "tracked" and c.voice not in rare]
+        same = Crowd(many) if many else crowd
+        return _Speakers(clips, rare, crowd, same, Crowd(real) if real else crowd)
+
+
+def _among_parts(pack: Path, seed: int) -> Iterator[Part]:
+    """Half of the versions plain but for the others."""
+    speakers = _Speakers.of(pack)
+    crowds = speakers.same, speakers.crowd, speakers.real
+    tracked = [clip for clip in speakers.clips if clip.truth == "tracked"]
+    for index, clip in enumerate(tracked):
+        rng = np.random.default_rng([seed, index, AMONG])
+        for version in range(AMONG * (RARE if clip.voice in speakers.rare else 1)):
+            plain = version % 2 == 0
+            p = 0.0 if plain else AMONG_DISTORTED
+            part = crop(clip, min(clip.num_frames, LONGEST), rng, p)
+            level = part.audio.std() * 10 ** (-rng.uniform(*AMONG_DB) / 20)
+            others = level * crowds[rng.integers(len(crowds))].talk(len(part.audio), rng)
+            sound = np.clip(part.audio + others, -1, 1).astype(np.float32)
+            yield replace(part, audio=sound), clip.voice, rng, plain
+
+
+def _parts(pack: Path, seed: int, versions: int, noises: int) -> Iterator[Part]:
     """Each clip as often as it is used, sounds without a voice, and clips of those who have few,
     plain; with the talker of each and whether it is plain."""
-    everything = list(iter_pack(pack, "train"))
-    clips = [clip for clip in everything if clip.truth in ("tracked", *_WHO)]
-    crowd = Crowd([c.audio for c in everything if c.truth in ("rules", "envelope")])
-    voices = [clip.voice for clip in clips if clip.truth == "tracked"]
-    most = max((voices.count(voice) for voice in set(voices)), default=1)
-    rare = {voice for voice in voices if voices.count(voice) < most / 4}
-    many = [c.audio for c in clips if c.truth == "tracked" and c.voice not in rare]
-    same = Crowd(many) if many else crowd  # words and pauses like theirs
+    speakers = _Speakers.of(pack)
+    clips, rare, crowd, same = speakers.clips, speakers.rare, speakers.crowd, speakers.same
     few = [c for c in clips if c.voice in rare and c.truth == "tracked" and (c.phones >= 0).any()]
     for index, clip in enumerate(clips):
         rng = np.random.default_rng([seed, index])

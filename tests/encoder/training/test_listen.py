@@ -116,7 +116,7 @@ def test_training_lowers_the_error_of_the_mouth_and_tells_voices(tmp_path: Path)
     listener = listen.new_listener(pieces, student, config)
     batch = pieces.draw(np.random.default_rng(1))
     before = errors(listener, batch, config)
-    listen.train(listener, pieces, config)
+    listen.train(listener, pieces, pieces, config)
     after = errors(listener, batch, config)
     assert after["shape"] < 0.5 * before["shape"] and after["voice"] < 0.5 * before["voice"]
 

@@ -8,7 +8,7 @@ from encoder.capture.dataset import PACK_RATE, make_clip
 from encoder.capture.motion.channels import RIG_NAMES
 from encoder.training.mouth import Mouth
 from encoder.training.streams import spoken as stream
-from encoder.training.streams.augment import clicks, distort
+from encoder.training.streams.augment import Crowd, clicks, distort, on_and_off
 from encoder.training.streams.pieces import (
     EARLY,
     SpokenPieces,
@@ -16,7 +16,7 @@ from encoder.training.streams.pieces import (
     phone_weights,
     voice_weights,
 )
-from encoder.training.streams.spoken import REST, RULES, TRACKED_DB, Crowd, on_and_off
+from encoder.training.streams.spoken import REST, RULES, TRACKED_DB
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -160,6 +160,30 @@ def test_others_are_nearer_to_tracked_talkers_than_to_made_ones(monkeypatch) -> 
         for db in ((0, 0), (60, 60))
     ]
     assert np.mean(near[0]) > 1.2 * np.mean(near[1])
+
+
+def test_tracked_clips_are_heard_further_among_others_half_of_them_plain(monkeypatch) -> None:
+    monkeypatch.setattr(Crowd, "talk", lambda self, count, rng: np.ones(count))
+    parts(monkeypatch)  # puts the clips in place
+    heard = list(stream._among_parts(None, 0))
+    assert [voice for _, voice, _, _ in heard] == ["anna"] * 18 + ["ben"] * 6
+    assert [plain for *_, plain in heard] == [True, False] * 12
+    below = [20 * np.log10(part.audio.std() / part.audio.mean()) for part, *_ in heard]
+    low, high = stream.AMONG_DB
+    assert low - 0.5 < min(below) < low + 3 and high - 3 < max(below) < high + 0.5
+
+
+def test_a_talker_who_says_nothing_for_long_is_not_heard() -> None:
+    frames = spoken({"anna": 30, "ben": 25, RULES: 30, REST: 10})
+    frames.phones[:] = 0
+    frames.phones[[10, 29, 60]] = 5
+    frames.phones[50:55] = -1
+    pieces = SpokenPieces(frames, Mouth.of(FACE), batch=4, length=12, rules=1.0, rest=1.0)
+    assert (pieces.voiced[[10, 29, 60]] == 1).all() and (pieces.voiced[85:] == 0).all()
+    near = np.r_[6:10, 11:15, 25:29]
+    assert (pieces.voiced[near] == -1).all()
+    assert (pieces.voiced[np.r_[0:6, 15:25, 30:50]] == 0).all()  # ben's begin is a clip of its own
+    assert (pieces.voiced[56:60] == -1).all() and (pieces.voiced[65:85] == 0).all()
 
 
 def crowd_of_one(count: int, rng: np.random.Generator) -> np.ndarray:
