@@ -13,6 +13,8 @@ from sensors.types import InputError
 
 # The contact head (contact.py): lip gaps at which its response may change slope
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
+# It acts wholly up to the first gap and not from the second on: lips far apart are meant to be
+ACTS_MM = (4.0, 6.0)
 MAX_REACH_MM = 20.0
 HEAD = "contact."  # prefix of its tensors' names
 # The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.

@@ -2,14 +2,15 @@
 
 Where p, b or m is likely but not sure, one step of denoising brings the lips near each other and
 stops a millimetre short. The head sees how far they are open and what is heard in the same frame,
-and moves them together or apart, along the one direction of the code that does nothing else. It
-remembers nothing, so that it is causal as it stands; untrained it changes nothing.
+and moves them together or apart, along the one direction of the code that does nothing else; lips
+that are far apart it leaves there. It remembers nothing, so that it is causal as it stands;
+untrained it changes nothing.
 """
 
 import torch
 from torch import Tensor, nn
 
-from encoder.denoiser.config import KNOTS_MM
+from encoder.denoiser.config import ACTS_MM, KNOTS_MM
 
 
 class Contact(nn.Module):
@@ -36,7 +37,9 @@ class Contact(nn.Module):
         """How much wider the head makes the gap."""
         gap = (x0 @ self.gap + self.rest)[..., None]
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
-        return self.reach_mm * self.move(self.listen(seen).relu()).tanh()
+        low, high = ACTS_MM
+        near = ((high - gap) / (high - low)).clamp(0, 1)
+        return self.reach_mm * near * self.move(self.listen(seen).relu()).tanh()
 
     def forward(self, x0: Tensor, audio: Tensor, voice: Tensor | float = 1.0) -> Tensor:
         """voice [B, T, 1]: how sure it is that one is heard; without, lips stay where they are."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from encoder.denoiser.config import KNOTS_MM
+from encoder.denoiser.config import ACTS_MM, KNOTS_MM
 from encoder.nn.onnx_graph import Array, Bits, Graph
 from encoder.types import Weights
 
@@ -95,7 +95,11 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights, reach_
         return g.linear(x, weight.T, bias, exact=True)
 
     moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
-    moved = g.op("Mul", moved, voice)
+    low, high = ACTS_MM
+    left = g.op("Sub", g.const(np.array([[high]])), gap)
+    near = g.op("Relu", g.op("Mul", left, g.const(np.array([[1 / (high - low)]]))))
+    near = g.op("Min", near, g.const(np.ones((1, 1))))
+    moved = g.op("Mul", g.op("Mul", moved, near), voice)
     return g.op("Add", x0, g.op("Mul", moved, g.const(reach_mm * weights["contact.shut"][None])))
 
 

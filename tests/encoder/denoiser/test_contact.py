@@ -83,6 +83,14 @@ def test_it_moves_the_lips_no_farther_than_it_may(reach: float) -> None:
     assert moved.abs().max() > reach - 0.01
 
 
+def test_lips_far_apart_are_left_where_they_are() -> None:
+    head = lively(contact.new_head(student(), FACE, 8), 1e4)
+    audio, wider = torch.randn(3, 9, 512), head.shut / (head.shut @ head.gap)  # by a millimetre
+    for gap, least, most in ((3.9, 5.9, 6.0), (5.0, 2.9, 3.0), (6.1, 0.0, 0.0)):
+        moved = head.moved_mm(((gap - head.rest) * wider).expand(3, 9, 256), audio).abs()
+        assert least <= moved.max() <= most + 1e-4
+
+
 def test_a_scale_folded_in_is_the_scale_applied() -> None:
     head = lively(contact.new_head(student(), FACE, 8))
     x0, audio = torch.randn(1, 7, 256), 3 + 2 * torch.randn(1, 7, 512)
