@@ -15,6 +15,12 @@ from sensors.types import InputError
 KNOTS_MM = (0.0, 0.3, 0.7, 1.2, 1.7, 2.7, 3.7)
 # It acts wholly up to the first gap and not from the second on: lips far apart are meant to be
 ACTS_MM = (4.0, 6.0)
+# How far apart lips that talk stay where p, b and m are not heard: wholly up to the first log-odds
+# and no more from the second on. Of eight talkers left out, open vowels shut of 184 | p, b, m shut
+# of 234: never 13 | 226; -1.9 to -1.4 7 | 225; these 4 | 223; -1.4 to -.9 3 | 220; always 0 | 97
+PARTED_MM = 1.2
+UNHEARD = (-1.6, -1.1)
+LIPS = 3  # phones that shut them: p, b, m
 MAX_REACH_MM = 20.0
 HEAD = "contact."  # prefix of its tensors' names
 # The direct path (direct.py): numbers that a mouth is, and hidden units of what hears voices.
@@ -120,6 +126,7 @@ def weight_shapes(config: DenoiserConfig) -> dict[str, tuple[int, ...]]:
         linear("direct.voice", VOICE, 1)
     if config.contact:
         shapes |= {HEAD + "gap": (code,), HEAD + "rest": (), HEAD + "shut": (code,)}
+        shapes[HEAD + "closures"] = (LIPS, config.contact_dim)
         linear(HEAD + "listen", 1 + len(KNOTS_MM) + config.contact_dim, config.contact)
         linear(HEAD + "move", config.contact, 1)
     return shapes

@@ -1,16 +1,19 @@
-"""The contact head: it closes lips that the student leaves slightly open (not in the paper).
+"""The contact head: it closes lips that the student leaves slightly open, and parts those that it
+shuts where nothing asks for it (not in the paper).
 
 Where p, b or m is likely but not sure, one step of denoising brings the lips near each other and
 stops a millimetre short. The head sees how far they are open and what is heard in the same frame,
 and moves them together or apart, along the one direction of the code that does nothing else; lips
-that are far apart it leaves there. It remembers nothing, so that it is causal as it stands;
-untrained it changes nothing.
+that are far apart it leaves there. Where none of the three is heard lips that talk stay
+`PARTED_MM` apart: in the silence of a t the student shuts them, and opens them only when the vowel
+behind it sounds. It remembers nothing, so that it is causal as it stands; untrained it changes
+nothing.
 """
 
 import torch
 from torch import Tensor, nn
 
-from encoder.denoiser.config import ACTS_MM, KNOTS_MM
+from encoder.denoiser.config import ACTS_MM, KNOTS_MM, LIPS, PARTED_MM, UNHEARD
 
 
 class Contact(nn.Module):
@@ -19,6 +22,7 @@ class Contact(nn.Module):
     gap: Tensor
     rest: Tensor
     shut: Tensor
+    closures: Tensor
     knots: Tensor
 
     def __init__(self, expression_dim: int, audio_dim: int, hidden: int, reach_mm: float) -> None:
@@ -27,6 +31,8 @@ class Contact(nn.Module):
         self.register_buffer("gap", torch.zeros(expression_dim))  # mm that a unit of x0 opens
         self.register_buffer("rest", torch.zeros(()))  # mm at x0 = 0, against lips at rest
         self.register_buffer("shut", torch.zeros(expression_dim))  # of x0, for one mm
+        # of audio: log-odds of p, b, m; all 0 where it does not tell
+        self.register_buffer("closures", torch.zeros(LIPS, audio_dim))
         self.register_buffer("knots", torch.tensor(KNOTS_MM), persistent=False)
         self.listen = nn.Linear(1 + len(KNOTS_MM) + audio_dim, hidden)
         self.move = nn.Linear(hidden, 1)
@@ -34,13 +40,21 @@ class Contact(nn.Module):
         nn.init.zeros_(self.move.bias)
 
     def moved_mm(self, x0: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1]
-        """How much wider the head makes the gap."""
+        """How much wider the trained head makes the gap."""
         gap = (x0 @ self.gap + self.rest)[..., None]
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
         low, high = ACTS_MM
         near = ((high - gap) / (high - low)).clamp(0, 1)
         return self.reach_mm * near * self.move(self.listen(seen).relu()).tanh()
 
+    def parted_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
+        """How much wider the gap becomes where neither p, b nor m is heard."""
+        low, high = UNHEARD
+        heard = (audio @ self.closures.T).amax(-1, keepdim=True)
+        return (PARTED_MM - gap).relu() * ((high - heard) / (high - low)).clamp(0, 1)
+
     def forward(self, x0: Tensor, audio: Tensor, voice: Tensor | float = 1.0) -> Tensor:
         """voice [B, T, 1]: how sure it is that one is heard; without, lips stay where they are."""
-        return x0 + voice * self.moved_mm(x0, audio) * self.shut
+        moved = voice * self.moved_mm(x0, audio)
+        gap = (x0 @ self.gap + self.rest)[..., None] + moved
+        return x0 + (moved + voice * self.parted_mm(gap, audio)) * self.shut

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from encoder.denoiser.config import ACTS_MM, KNOTS_MM
+from encoder.denoiser.config import ACTS_MM, KNOTS_MM, PARTED_MM, UNHEARD
 from encoder.nn.onnx_graph import Array, Bits, Graph
 from encoder.types import Weights
 
@@ -94,13 +94,22 @@ def _contact(g: Graph, x0: str, audio: str, voice: str, weights: Weights, reach_
         weight, bias = (weights[f"contact.{name}.{part}"] for part in ("weight", "bias"))
         return g.linear(x, weight.T, bias, exact=True)
 
+    def share(x: str, low: float, high: float) -> str:
+        """1 up to low, 0 from high on."""
+        left = g.op("Sub", g.const(np.array([[high]])), x)
+        left = g.op("Relu", g.op("Mul", left, g.const(np.array([[1 / (high - low)]]))))
+        return g.op("Min", left, g.const(np.ones((1, 1))))
+
     moved = g.op("Tanh", layer(g.op("Relu", layer(seen, "listen")), "move"))
-    low, high = ACTS_MM
-    left = g.op("Sub", g.const(np.array([[high]])), gap)
-    near = g.op("Relu", g.op("Mul", left, g.const(np.array([[1 / (high - low)]]))))
-    near = g.op("Min", near, g.const(np.ones((1, 1))))
-    moved = g.op("Mul", g.op("Mul", moved, near), voice)
-    return g.op("Add", x0, g.op("Mul", moved, g.const(reach_mm * weights["contact.shut"][None])))
+    reach = g.op("Mul", voice, g.const(np.array([[reach_mm]])))
+    moved = g.op("Mul", g.op("Mul", moved, share(gap, *ACTS_MM)), reach)
+    rows = weights["contact.closures"].T
+    heard = g.linear(audio, rows, np.zeros(rows.shape[1]), exact=True)
+    heard = g.op("ReduceMax", heard, g.const([1]))
+    missing = g.op("Sub", g.const(np.array([[PARTED_MM]])), g.op("Add", gap, moved))
+    parted = g.op("Mul", g.op("Relu", missing), share(heard, *UNHEARD))
+    moved = g.op("Add", moved, g.op("Mul", parted, voice))
+    return g.op("Add", x0, g.op("Mul", moved, g.const(weights["contact.shut"][None])))
 
 
 def denoiser_model(

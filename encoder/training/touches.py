@@ -10,10 +10,11 @@ from torch import Tensor
 from torch.nn import functional
 
 from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX, TEETH_TOUCHING, VOWELS
+from encoder.denoiser.config import PARTED_MM
 from encoder.training.geometry import NEAR_FRAMES
 
 SHUT_MM = 0.2  # what becomes of the lips in p, b, m
-OPEN_MM, PARTED_MM = 1.6, 1.2  # how far apart they stay in open vowels, and in all else said
+OPEN_MM = 1.6  # how far apart they stay in open vowels; in all else said PARTED_MM
 TUCKED, LOOSE = 0.42, 0.08  # how far the lower lip rolls in f and v, and may beyond the truth
 
 

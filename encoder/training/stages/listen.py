@@ -24,7 +24,7 @@ from encoder.training.mouth import Mouth
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.listen_config import ListenConfig
-from encoder.training.stages.listener import Batch, Listener, finish, new_listener
+from encoder.training.stages.listener import Batch, Listener, closures, finish, new_listener
 from encoder.training.streams.pieces import SpokenPieces
 from encoder.training.streams.spoken import Ears, hear_among, hear_pack
 
@@ -71,9 +71,11 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     listener = new_listener(pieces, student, config)
     metrics, curve = train(listener, pieces, voices, config)
     finish(listener, config)
+    told = listener.contact.closures
+    told.copy_(closures(phones.config, told.shape[1]))
     names = (
-        "share", "lines", "gain", "width_gain", "gate", "balance", "rules", "rest", "versions",
-        "noises", "steps", "voice_steps", "contact_steps",
+        "share", "lines", "gain", "width_gain", "opening", "gate", "balance", "rules", "rest",
+        "versions", "noises", "steps", "voice_steps", "contact_steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}

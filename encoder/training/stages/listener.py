@@ -11,7 +11,9 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from encoder.denoiser.config import MOUTH
+from encoder.audio.config import AudioEncoderConfig
+from encoder.capture.speech.phones import LIP_CLOSING, PHONE_INDEX
+from encoder.denoiser.config import LIPS, MOUTH
 from encoder.denoiser.contact import Contact
 from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
@@ -37,6 +39,7 @@ class Listener:
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
     lines: LipLines
     mix: Tensor  # [MOUTH, MOUTH]: gains
+    shift: Tensor  # [MOUTH]: what lips that talk are moved by, on top
     rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
     @property
@@ -83,7 +86,7 @@ class Listener:
             lined = self.lines.beside(self.direct.said(seen), seen)
             mixed = config.share * own + (1 - config.share) * lined
             voice = self.direct.voiced(plain).sigmoid()
-            shown = voice * (mixed @ self.mix)
+            shown = voice * (mixed @ self.mix + self.shift)
             x0 = self.student.standardise(self.mouth.codes(shown))
         moved = (voice * self.contact.moved_mm(x0, plain))[..., 0]
         gaps = self.mouth.gap(shown) + moved, moved, self.mouth.gap(truth)
@@ -119,10 +122,12 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     scale = seen.mean(0), seen.std(0) + 1e-2
     direct = Direct(heard.shape[1], student.config.expression_dim, config.hidden)
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
-    mix = config.gain * mouth.widened(torch.from_numpy(pieces.truth[::every]), config.width_gain)
+    truth, (opening, middle) = torch.from_numpy(pieces.truth[::every]), config.opening
+    mix = config.gain * mouth.stretched(truth, (opening, config.width_gain))
+    shift = (1 - opening) * middle * mouth.ways(truth)[0]
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
     lines = LipLines.of(pieces, scale, config.lines)
-    return Listener(direct, contact, student, mouth, scale, lines, mix, rarity)
+    return Listener(direct, contact, student, mouth, scale, lines, mix, shift, rarity)
 
 
 @torch.no_grad()
@@ -143,6 +148,7 @@ def finish(listener: Listener, config: ListenConfig) -> None:
     for layer in (direct.move, direct.straight):
         layer.weight.copy_(mix.T @ layer.weight)
         layer.bias.copy_(mix.T @ layer.bias)
+    direct.straight.bias.add_(listener.shift)
     student = listener.student
     read, write = (torch.from_numpy(a) for a in (listener.mouth.read, listener.mouth.write))
     direct.read.copy_(student.expression_std[:, None] * read)
@@ -150,3 +156,12 @@ def finish(listener: Listener, config: ListenConfig) -> None:
     direct.write.copy_(write / student.expression_std)
     direct.share.copy_(config.share * listener.mix)
     assert direct.share.shape == (MOUTH, MOUTH)
+
+
+def closures(phones: AudioEncoderConfig, heard: int) -> Tensor:  # [3, heard]
+    """Rows that take the log-odds of p, b and m out of what is heard, the mean of a tick's newest
+    features."""
+    rows, newest = torch.zeros(LIPS, heard), phones.features_a_tick
+    for row, name in zip(rows, LIP_CLOSING, strict=True):
+        row[PHONE_INDEX[name] : newest * phones.feature_dim : phones.feature_dim] = 1 / newest
+    return rows

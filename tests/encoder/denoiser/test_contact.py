@@ -100,11 +100,30 @@ def test_a_scale_folded_in_is_the_scale_applied() -> None:
     torch.testing.assert_close(head(x0, audio), expected, atol=1e-4, rtol=1e-4)
 
 
+def test_lips_that_talk_stay_apart_where_no_closure_is_heard() -> None:
+    """Not where a voice or the phones that are heard do not tell so, nor lips that are apart."""
+    model = student()
+    head = contact.new_head(model, FACE, 8)
+    shut = -head.rest * head.gap / head.gap.square().sum()
+    x0 = torch.stack([shut, shut + 3 * head.shut])[None]
+    silent, heard = torch.full((1, 2, 512), -4.0), torch.full((1, 2, 512), -4.0)
+    heard[..., 7] = 0.0  # one of the three
+    torch.testing.assert_close(head(x0, silent), x0)  # nothing is known of phones
+    for row, at in zip(head.closures, (5, 6, 7), strict=True):
+        row[at] = 1
+    gap = opening(model, x0)
+    after = opening(model, head(x0, silent, torch.ones(1, 2, 1)))
+    torch.testing.assert_close(after, torch.tensor([[1.2, 3.0]]), atol=1e-4, rtol=0)
+    torch.testing.assert_close(head(x0, heard, torch.ones(1, 2, 1)), x0)
+    torch.testing.assert_close(opening(model, head(x0, silent, torch.zeros(1, 2, 1))), gap)
+
+
 @pytest.mark.parametrize(("emotion", "reach"), [(False, 6.0), (True, 6.0), (False, 2.5)])
 def test_the_live_graph_has_the_head(emotion: bool, reach: float) -> None:
     plain = student(reach_mm=reach)
     model = Denoiser(replace(plain.config, contact=8))
     head = lively(contact.new_head(plain, FACE, 8), 3)
+    torch.nn.init.normal_(head.closures, std=0.1)
     model.load_state_dict(
         plain.state_dict() | {f"contact.{k}": v for k, v in head.state_dict().items()}
     )

@@ -66,7 +66,9 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     said = listener.lines.beside(listener.direct.said(seen), seen)
     mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said
     voice = (2 * listener.direct.voiced(seen[..., :7]) - 0.5).sigmoid()
-    wanted = codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix))
+    wanted = (
+        codes - FACE.mouth(codes) + mouth.codes(voice * (mixed @ listener.mix + listener.shift))
+    )
     moved = listener.contact.moved_mm(student.standardise(wanted), seen[..., :7])
     listen.finish(listener, config)
     shown, sure = listener.direct(x0, heard)
@@ -98,11 +100,22 @@ def test_a_direct_path_that_hears_a_voice_and_learned_nothing_changes_nothing() 
     torch.testing.assert_close(direct(x0, noise(2, 9, 7))[0], x0)
 
 
-def test_lips_are_wider_by_the_gain_and_as_far_open_as_before() -> None:
+@pytest.mark.parametrize("gains", [(1.0, 1.3), (1.2, 1.0), (1.2, 1.3)])
+def test_lips_are_as_much_farther_apart_and_wider_as_the_gains_say(gains) -> None:
     mouth, truth = Mouth.of(FACE), noise(500, MOUTH)
-    before, after = mouth.spans(truth), mouth.spans(truth @ mouth.widened(truth, 1.3))
-    torch.testing.assert_close(after[:, 0], before[:, 0], atol=1e-3, rtol=1e-3)
-    torch.testing.assert_close(after[:, 1], 1.3 * before[:, 1], atol=1e-3, rtol=1e-3)
+    before, after = mouth.spans(truth), mouth.spans(truth @ mouth.stretched(truth, gains))
+    torch.testing.assert_close(after, torch.tensor(gains) * before, atol=1e-3, rtol=1e-3)
+
+
+def test_lips_move_more_about_the_middle(tmp_path: Path) -> None:
+    student, pieces = untrained()
+    mouth, said = pieces.mouth, noise(50, MOUTH)
+    mixes = [
+        listen.new_listener(pieces, student, settings(tmp_path, opening=opening))
+        for opening in ((1.0, 5.0), (1.2, 5.0))
+    ]
+    before, after = (mouth.gap(said @ each.mix + each.shift) for each in mixes)
+    torch.testing.assert_close(after, 1.2 * before - 1.0, atol=1e-2, rtol=1e-2)
 
 
 def test_training_lowers_the_error_of_the_mouth_and_tells_voices(tmp_path: Path) -> None:
@@ -219,6 +232,9 @@ def test_the_whole_chain_hears_phones_and_keeps_its_blocks(config: listen.Listen
     assert networks.config.audio_dim == networks.audio_config.frame_width
     assert networks.config.contact == config.contact and networks.config.direct == config.hidden
     assert networks.denoiser["direct.move.weight"].any()
+    told = networks.denoiser["contact.closures"].reshape(3, -1, 74)  # 4 newest features, past ticks
+    assert np.isclose(told.sum((1, 2)), 1).all() and not told[:, 4:].any()
+    assert [list(np.flatnonzero(row)) for row in told[:, 0]] == [[28], [8], [23]]  # p, b, m
     _, before, _ = load_student(config.old, "gaze")
     eyes, seeing, _ = load_student(config.output, "eyes")
     assert eyes.condition == "eyes" and eyes.direct_dim == networks.config.direct_dim
