@@ -73,7 +73,7 @@ class Train:
 
             out = self.out or weights_file.FOLDER
             work = self.data / f"prior_{self.preset}"
-            prior.run(self.face, out, self.preset, work, self.take, self.seed)
+            prior.run(self.face, out, self.preset, work, self.take, self.seed, self.device)
         elif self.stage == "landmarks":
             from app.train.landmarks import make_shapes, make_table
 

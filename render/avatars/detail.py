@@ -13,27 +13,36 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import csr_array, vstack
 
+from render.avatars import textures
 from render.decoder.cover import nearest
-from render.decoder.surface import Surface
+from render.decoder.surface import FLATNESS, Surface
 from render.lighting import LUMINANCE
-from render.types import Density, Doubles, Floats
+from render.splats.reference import LOW_PASS_PX2, MAX_ALPHA, MIN_ALPHA
+from render.types import Density, Floats
 
 DENSITY = 3.0  # places a Gaussian
 # Yaw and pitch of whoever looks: which Gaussian lies before which depends on it.
-VIEWS_DEG = ((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12))
+VIEWS_DEG = (
+    *((0, 0), (-25, -8), (25, 8), (-12, 12), (12, -12), (-30, 6), (30, -6)),
+    *((-18, 0), (18, 2), (-6, -6), (7, 7), (0, 14), (0, -14)),
+)
 # The same of eyes, which turn; straight ahead counts thrice.
 EYE_VIEWS_DEG = ((0, 0), (0, 0), (0, 0), (-28, -14), (28, 14), (-28, 14), (28, -14))
-NEAR, NEAR_BELOW = 14, 5  # Gaussians around a place, of the skin and of the layer below it
-PIXEL_MM = 0.13  # what a picture's filter adds to a width, at 1024 pixels
-LEAST_COSINE, LEAST_ALPHA, LEAST_SEEN = 0.25, 1 / 255, 0.8
+NEAR, NEAR_BELOW = 24, 8  # Gaussians around a place, of the skin and of the layer below it
+PIXEL_MM = 0.336  # of a portrait of 1024
+LEAST_COSINE, LEAST_SEEN = 0.25, 0.8
 STAY, STEPS = 0.11, 40  # how much a colour that stays is worth; of least squares
 THINNER: tuple[Density, ...] = ("16k", "32k")  # densities whose Gaussians are fewer and wider
 # Least and largest gain: a single Gaussian beyond is a grain of salt or soot on the skin.
-SKIN, WIDE, EYES = (0.85, 1.05), (0.8, 1.1), (0.3, 1.9)
+SKIN, EYES = (0.8, 1.1), (0.3, 1.9)
+# Texels of the skin and of an eye's picture: what a picture averages of them (what is darker than a
+# pupil would draw the look aside); detail finer than FINE is wanted so much stronger.
+SKIN_BLUR, SKIN_FINE, SKIN_GAIN = 0.65, 6.0, 1.3
+EYE_BLUR, EYE_FINE, EYE_GAIN = 2.5, 6.25, 1.6
 ROUNDS = 3  # of least squares: what gains at a limit may not do, others make up for
-# Texels of an eye's picture: how sharp it is to be seen, and how near a Gaussian its colour must be
-# found: what is darker than a pupil or a rim would draw the look aside.
-EYE_BLUR, EYE_REACH = 2.5, 5
+# A colour of an eye is found within so many texels, or is lighter by at most this, and by no more
+# than the darkest found there: a pupil stays dark.
+EYE_REACH, EYE_LIGHTER = 5, 0.15
 SEAM = 1e-3  # of texture coordinates
 ATLAS = np.array([0.5, 1.0], np.float32)  # the face lies in the left half
 
@@ -116,27 +125,44 @@ def composited(
     near: NDArray[np.intp],  # [S, K] Gaussians around each place
     points: Floats,  # [S, 3] mm
     towards: Floats,  # [3] unit: the viewer
-) -> tuple[NDArray[np.intp], Doubles]:
-    """The same Gaussians front to back [S, K], and the share of each in what is seen [S, K]."""
-    depth = gaussians.points[near] @ towards
+) -> tuple[NDArray[np.intp], Floats]:
+    """The same Gaussians front to back [S, K], and the share of each in what is seen [S, K].
+
+    As the renderers have it (render/splats/reference.py), but from far away."""
+    right = np.cross((0, 1, 0), towards)
+    right /= np.linalg.norm(right)
+    screen = np.stack([right, np.cross(towards, right)], 1).astype(np.float32)
+    depth = (gaussians.points @ towards)[near]
     near = np.take_along_axis(near, np.argsort(-depth, axis=1), 1)
-    off = [points[:, c, None] - gaussians.points[:, c][near] for c in range(3)]
-    flat = [gaussians.normals[:, c][near] for c in range(3)]
-    cosine = np.maximum(gaussians.normals @ towards, LEAST_COSINE)[near]
-    along = sum(o * n for o, n in zip(off, flat, strict=True)) / cosine
-    away = sum((o - along * t) ** 2 for o, t in zip(off, towards, strict=True))  # in its plane
-    width = gaussians.widths**2
-    spread = width + np.where(gaussians.below, 0, PIXEL_MM**2)
-    peak, spread = (gaussians.opacities * width / spread)[near], spread[near]
-    alpha = peak * np.exp(-0.5 * away / spread)
-    alpha[alpha < LEAST_ALPHA] = 0
+    width, lean = gaussians.widths**2, gaussians.normals @ screen
+    thin, blur = (1 - FLATNESS**2) * width, LOW_PASS_PX2 * PIXEL_MM**2
+    across, up = (width - thin * lean[:, k] ** 2 + blur for k in range(2))
+    both = -thin * lean[:, 0] * lean[:, 1]
+    flat = gaussians.points @ screen
+    x, y = ((points @ screen[:, k])[:, None] - flat[:, k][near] for k in range(2))
+    away = up[near] * x * x - 2 * both[near] * x * y + across[near] * y * y
+    away /= (across * up - both * both)[near]
+    alpha = np.minimum(gaussians.opacities, MAX_ALPHA)[near] * np.exp(-0.5 * away)
+    alpha[alpha < MIN_ALPHA] = 0
     left = np.cumprod(1 - alpha, axis=1)
-    return near, alpha * np.concatenate([np.ones_like(left[:, :1]), left[:, :-1]], 1)
+    passed = np.concatenate([np.ones_like(left[:, :1]), left[:, :-1]], 1)
+    return near, np.asarray(alpha * passed, np.float32)
+
+
+def wanted_skin(skin: Floats) -> Floats:  # [H, 2 H, 3] 0..1
+    """The texture as a picture of Gaussians is to show it."""
+    return textures.sharper(skin, SKIN_BLUR, SKIN_FINE, SKIN_GAIN)
+
+
+def wanted_eye(eye: Floats) -> Floats:  # [H, H, 3] 0..1
+    """The same of an eye's picture."""
+    return textures.sharper(eye, EYE_BLUR, EYE_FINE, EYE_GAIN)
 
 
 def card() -> dict[str, float]:
     """What to tell beside an avatar about how its colours were made."""
-    return {"places": DENSITY, "stay": STAY, "steps": STEPS, "rounds": ROUNDS}
+    how = {"places": DENSITY, "stay": STAY, "steps": STEPS, "rounds": ROUNDS}
+    return how | {"gain": SKIN_GAIN, "gain_eyes": EYE_GAIN}
 
 
 def sharpened(

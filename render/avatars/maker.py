@@ -132,10 +132,12 @@ class Maker:
             albedo[on_eye] = t[f"eye.{eye}"].astype(np.float32) / 255
         albedo, (_, of, of_eyes) = np.clip(albedo, 0, 1), self._shown["65k"]
         if not isinstance(eye, str):
-            wanted = textures.sample(textures.soft(picture, detail.EYE_BLUR), of_eyes.uv)
-            bounds = textures.bounds(picture, t["anchor_uv"][on_eye], detail.EYE_REACH)
+            wanted = textures.sample(detail.wanted_eye(picture), of_eyes.uv)
+            low, high = textures.bounds(picture, t["anchor_uv"][on_eye], detail.EYE_REACH)
+            bounds = low, np.minimum(high + np.minimum(low, np.float32(detail.EYE_LIGHTER)), 1)
             albedo = detail.repainted(albedo, on_eye, of_eyes, wanted, bounds)
-        return detail.sharpened(albedo, self.face, of, textures.sample(skin, of.uv * detail.ATLAS))
+        wanted = textures.sample(detail.wanted_skin(skin), of.uv * detail.ATLAS)
+        return detail.sharpened(albedo, self.face, of, wanted)
 
     @cached_property
     def mouth_tints(self) -> Floats:
@@ -160,19 +162,19 @@ class Maker:
 
         out: dict[Density, Floats] = {}
         eye, seen = self.anchor_kinds == mesh_parts.EYE, self._shown["65k"].eyes
-        known, shown = KDTree(seen.uv), seen.shares @ albedo
+        known, shown, wanted = KDTree(seen.uv), seen.shares @ albedo, detail.wanted_skin(skin)
         for preset in detail.THINNER:
             shares, of, of_eyes = self._shown[preset]
             colors = np.asarray(shares @ albedo)
             gains = np.ones(len(colors), np.float32)
             eyes = shown[np.asarray(known.query(of_eyes.uv)[1])]
-            skins = textures.sample(skin, of.uv * detail.ATLAS)
-            for which, blend, wanted, limits in (
-                (self.face, of, skins, detail.WIDE),
+            skins = textures.sample(wanted, of.uv * detail.ATLAS)
+            for which, blend, target, limits in (
+                (self.face, of, skins, detail.SKIN),
                 (eye, of_eyes, eyes, detail.EYES),
             ):
                 free = shares @ which.astype(np.float32) > 0.99
-                gains[free] = detail.gains(colors, free, blend, wanted, limits)[free]
+                gains[free] = detail.gains(colors, free, blend, target, limits)[free]
             out[preset] = gains
         return out
 

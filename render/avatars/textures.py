@@ -31,6 +31,12 @@ def soft(image: Floats, sigma: float) -> Floats:  # [H, W, C]
     return np.asarray(gaussian_filter(image, (sigma, sigma, 0), truncate=3.0), np.float32)
 
 
+def sharper(image: Floats, blur: float, fine: float, gain: float) -> Floats:  # [H, W, C]
+    """Blurred by some texels, and what is finer than some more of them so much stronger."""
+    even = soft(image, blur)
+    return np.asarray(even + (gain - 1) * (even - soft(image, fine)), np.float32)
+
+
 def bounds(image: Floats, at: Floats, size: int) -> tuple[Floats, Floats]:
     """The darkest and the lightest colours [n, 3] within so many texels of `at` [n, 2]."""
     even, window = soft(image, EYE_SIGMAS[1]), (size, size, 1)

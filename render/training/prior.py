@@ -62,6 +62,7 @@ def run(
     work: Path,
     take: Path | None = None,
     seed: int = 0,
+    device: str = "cpu",  # of the networks
 ) -> None:
     """Train into `out`; intermediate results live in `work` and are used again."""
     import torch
@@ -84,7 +85,9 @@ def run(
     judged = learn.examples(assembly, held, coding, at, used, wardrobe)
     weight = vertex_weights(assembly, used)
     state = work / "networks.state"
-    nets, left = learn.run(examples, judged, at.to_vertices, weight, state, size.steps, seed)
+    nets, left = learn.run(
+        examples, judged, at.to_vertices, weight, state, size.steps, seed, device
+    )
     tensors = prior_tensors.tensors(
         assembly, anchors, fitted, coding, nets, used, wardrobe.wrinkles
     )

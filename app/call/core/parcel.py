@@ -5,8 +5,8 @@ everybody who wants it has it. Who receives it checks its size, its hash and the
 """
 
 import hashlib
+import lzma
 import struct
-import zlib
 from pathlib import Path
 
 from app.call.wire.packet import MalformedError
@@ -15,6 +15,7 @@ from sensors.types import InputError
 
 MAX_PACKED = 1_000_000  # bytes
 MAX_FILE = 4_000_000  # bytes that it may unpack to
+MEMORY = 32 << 20  # bytes that unpacking may take
 PART = 1024  # bytes; what passes from one room server to another is one datagram
 PARTS_A_STEP = 128  # 130 kB a second
 HEAD = struct.Struct("<HI")  # number of the part, bytes of all
@@ -26,7 +27,7 @@ class Parcel:
     def __init__(self, path: Path) -> None:
         """Raises InputError where the file is too large to be sent."""
         data = files.read_bytes(path)
-        self.packed = zlib.compress(data, 9)
+        self.packed = lzma.compress(data)
         self.digest = hashlib.sha256(data).hexdigest()
         if len(self.packed) > MAX_PACKED or len(data) > MAX_FILE:
             raise InputError(
@@ -68,10 +69,10 @@ class Receipt:
         return self._unpacked(packed)
 
     def _unpacked(self, packed: bytes) -> bytes:
-        unpacker = zlib.decompressobj()
+        unpacker = lzma.LZMADecompressor(lzma.FORMAT_XZ, memlimit=MEMORY)
         try:
             data = unpacker.decompress(packed, MAX_FILE + 1)
-        except zlib.error:
+        except lzma.LZMAError:
             data = b""
         if len(data) > MAX_FILE or hashlib.sha256(data).hexdigest() != self.digest:
             raise MalformedError("avatar: expected the file that was offered, got another")

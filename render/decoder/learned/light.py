@@ -13,14 +13,17 @@ from render.decoder.kernels import light as kernels
 from render.types import Floats
 
 SLOPE = np.float32(0.1)
+# A product is made in so many parts: for large ones BLAS wakes threads, which spin for longer than
+# the product takes, beside whatever else a tick does.
+PARTS = 8
 
 
 @dataclass(frozen=True)
 class LightNet:
     """Weights, laid out for matrix products: texels are rows, channels last."""
 
-    first: Floats  # [256, h * w * C0]
-    first_bias: Floats  # [h * w * C0]
+    first: Floats  # [PARTS, 256, h * w * C0 / PARTS]
+    first_bias: Floats  # [PARTS, h * w * C0 / PARTS]
     ups: tuple[Floats, ...]  # per level [C, 4 * C'], the four children of a texel side by side
     up_biases: tuple[Floats, ...]  # per level [4 * C']
     base: tuple[int, int]  # h, w of the coarsest level
@@ -31,7 +34,7 @@ class LightNet:
         for up, up_bias, bias in zip(self.ups, self.up_biases, biases, strict=True):
             x = x.reshape(bias.shape)
             kernels.activate(x, bias, SLOPE)
-            x = x @ up
+            x = x.reshape(PARTS, -1, len(up)) @ up
             x += up_bias
         return x.reshape(-1, 2)
 
@@ -55,9 +58,10 @@ class LightNet:
         """From a weights file (`tensors_of` wrote it)."""
         count = sum(name.startswith("light_up_weight") for name in tensors)
         wide = {k: v.astype(np.float32) for k, v in tensors.items() if k.startswith("light_")}
+        first = wide["light_first"]
         return cls(
-            wide["light_first"],
-            wide["light_first_bias"],
+            np.ascontiguousarray(first.reshape(len(first), PARTS, -1).transpose(1, 0, 2)),
+            wide["light_first_bias"].reshape(PARTS, -1),
             tuple(wide[f"light_up_weight{i}"] for i in range(count)),
             tuple(wide[f"light_up_bias{i}"] for i in range(count)),
             (int(tensors["light_base"][0]), int(tensors["light_base"][1])),

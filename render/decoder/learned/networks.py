@@ -15,7 +15,7 @@ from torch.nn import functional as F
 from render.decoder.learned.atlas import HEIGHT, WIDTH
 
 CODE_DIM = 256
-CHANNELS = (48, 32, 24, 8)  # of the decoder's levels, coarse to fine
+CHANNELS = (64, 64, 48, 24)  # of the decoder's levels, coarse to fine
 BASE = (HEIGHT // 16, WIDTH // 16)  # size of the coarsest level
 IDENTITY_INPUTS = 8  # texture 3, geometry 3, light at rest 2
 EXPRESSION_INPUTS = 5  # change of geometry 3, of light 2

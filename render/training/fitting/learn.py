@@ -2,7 +2,8 @@
 
 Input is the change of geometry and of light from that person's neutral face. The mean of the code
 is the fixed linear map of the rig plus what the encoder finds; the decoder must say how the light
-on the face changes. Held-out people and expressions judge it. Minutes on one core.
+on the face changes, also without the latter, as from who sends the rig alone. Held-out people and
+expressions judge it. Minutes on one core.
 """
 
 from dataclasses import dataclass
@@ -27,9 +28,10 @@ from render.training.geometry.assembly import Assembly
 from render.types import Floats
 
 NUM_RIG = 55  # shapes of the rig and of the tongue
-KL_WEIGHT = 2e-4
+KL_WEIGHT = 2e-5
 RATE = 2e-3
-BATCH, JUDGED = 12, 60
+BATCH, JUDGED = 48, 60
+RIG_ALONE = 0.5  # share of examples without what the encoder finds
 SAVED_EVERY = 100  # steps
 MAPPED = 720  # expressions that the teeth learn their light from
 
@@ -44,6 +46,9 @@ class Examples:
     code: Tensor  # [N, 256] normalised; its rig part is the truth, its free part zero
     light: Tensor  # [N, U, 2] change of the light seen, per vertex
     neutral_code: Tensor  # [256] normalised code of the neutral face
+
+    def to(self, device: str) -> "Examples":
+        return Examples(*(part.to(device) for part in vars(self).values()))
 
 
 def examples(  # type: ignore[no-untyped-def]
@@ -91,6 +96,7 @@ def run(
     state: Path,
     steps: int,
     seed: int,
+    device: str = "cpu",
 ) -> tuple[DecoderNetworks, float]:
     """Train; also the share of the held-out light's change that stays unexplained.
 
@@ -103,20 +109,21 @@ def run(
         coo.shape,
         check_invariants=False,
     ).coalesce()
-    weight = torch.from_numpy(weights)
+    read, weight = read.to(device), torch.from_numpy(weights).to(device)
+    data, held_out = data.to(device), held_out.to(device)
     networks.set_seed(seed)
     free_dim = networks.CODE_DIM - NUM_RIG
     made = DecoderNetworks(
         networks.IdentityEncoder(), networks.ExpressionEncoder(free_dim), networks.LightDecoder()
     )
-    modules = torch.nn.ModuleList([made.identity, made.expression, made.light])
+    modules = torch.nn.ModuleList([made.identity, made.expression, made.light]).to(device)
     optimizer = torch.optim.AdamW(modules.parameters(), RATE, weight_decay=1e-4)
     rises = max(0.1, 2 / steps)  # of the steps: at least two, the scheduler divides by one less
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, RATE, steps, pct_start=rises)
     draw = torch.Generator().manual_seed(seed)
     parts, done = {"modules": modules, "optimizer": optimizer, "schedule": schedule}, 0
     if state.exists():
-        kept = torch.load(state, weights_only=True)
+        kept = torch.load(state, weights_only=True, map_location="cpu")
         done = kept["done"]
         draw.set_state(kept["draw"])
         for name, part in parts.items():
@@ -139,6 +146,7 @@ def run(
     with torch.no_grad():
         rows = torch.arange(len(held_out.person))[:JUDGED]
         left = step(made, held_out, rows, read, weight, None)[1]
+    modules.cpu()
     return made, left
 
 
@@ -164,10 +172,12 @@ def step(
     """Loss of a batch, and the share of the light's change that stays unexplained."""
     biases = made.identity(data.identity[data.person[rows]])
     free, log_variance = made.expression(data.change[rows])
-    mean = torch.cat([data.code[rows][:, :NUM_RIG], free], 1)
-    noise = torch.zeros_like(mean) if draw is None else torch.randn(mean.shape, generator=draw)
-    spread = torch.exp(0.5 * log_variance)
-    code = mean + noise * spread
+    code = torch.cat([data.code[rows][:, :NUM_RIG], free], 1)
+    if draw is not None:
+        kept = (torch.rand(len(rows), 1, generator=draw) >= RIG_ALONE).to(free)
+        noise = torch.randn(code.shape, generator=draw).to(free)
+        code = torch.cat([code[:, :NUM_RIG], kept * free], 1)
+        code = code + kept * noise * torch.exp(0.5 * log_variance)
     still = data.neutral_code.expand_as(code)
     change = made.light(code, biases) - made.light(still, biases)
     flat = change.flatten(2).permute(2, 0, 1).flatten(1)  # [T, B * 2]
@@ -175,6 +185,6 @@ def step(
     target = data.light[rows]
     error = (weight[:, None] * (light - target) ** 2).sum() / weight.sum()
     scale = (weight[:, None] * target**2).sum() / weight.sum()
-    kl = networks.divergence(mean[:, NUM_RIG:], log_variance[:, NUM_RIG:])
+    kl = networks.divergence(free, log_variance[:, NUM_RIG:])
     loss = error / len(rows) * 100 + KL_WEIGHT * kl
     return loss, float(error.detach() / scale)

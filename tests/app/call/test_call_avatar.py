@@ -1,7 +1,7 @@
 """An avatar's file: sent once to who agreed, whole or refused, checked before it is drawn."""
 
 import hashlib
-import zlib
+import lzma
 from pathlib import Path
 
 import numpy as np
@@ -39,14 +39,14 @@ def test_parts_come_in_any_order_and_more_than_once() -> None:
 
 
 def test_what_is_not_of_the_file_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    packed = zlib.compress(b"somebody else")
+    packed = lzma.compress(b"somebody else")
     receipt = Receipt(hashlib.sha256(b"what was offered").hexdigest(), len(packed))
     for bad in (b"", b"123", HEAD.pack(1, len(packed)) + packed, HEAD.pack(0, 9) + b"x" * 9):
         with pytest.raises(MalformedError):
             receipt.add(bad)
     with pytest.raises(MalformedError, match="another"):
         receipt.add(HEAD.pack(0, len(packed)) + packed)
-    bomb = zlib.compress(bytes(1 << 24))
+    bomb = lzma.compress(bytes(1 << 24))
     receipt = Receipt(hashlib.sha256(bytes(1 << 24)).hexdigest(), len(bomb))
     parts = [bomb[at : at + PART] for at in range(0, len(bomb), PART)]
     with pytest.raises(MalformedError, match="another"):

@@ -20,7 +20,7 @@ def sheet() -> detail.Drawn:
         points,
         np.tile(np.array([0, 0, 1], np.float32), (len(points), 1)),
         np.where(below, 1.6, 0.35).astype(np.float32),
-        np.full(len(points), 0.98, np.float32),
+        np.full(len(points), 0.8, np.float32),
         below,
     )
 

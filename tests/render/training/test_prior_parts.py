@@ -12,7 +12,7 @@ from render import arkit
 from render.cameras import portrait
 from render.decoder.coding import EXPRESSION_DIM, Coding, extend
 from render.decoder.learned import networks
-from render.decoder.learned.light import LightNet, tensors_of
+from render.decoder.learned.light import PARTS, LightNet, tensors_of
 from render.evaluation import metrics as prior_metrics
 from render.splats.reference import ReferenceRenderer
 from render.types import Gaussians
@@ -80,6 +80,11 @@ def test_the_light_decoder_is_the_same_in_numpy_and_torch():
     light = LightNet.of(tensors_of(network))
     found = light(code[0].numpy(), light.nested(flat))
     np.testing.assert_allclose(found, expected[light.order(len(flat))], atol=1e-4)
+    texels = networks.BASE[0] * networks.BASE[1] << 2 * np.arange(len(light.ups))
+    sizes = [light.first.size] + [n * up.size for n, up in zip(texels, light.ups, strict=True)]
+    assert max(sizes) / PARTS < 400_000, (
+        "BLAS would wake threads (measured: a tick takes twice as long)"
+    )
 
 
 def test_psnr_and_ssim_look_inside_the_mask_only():
