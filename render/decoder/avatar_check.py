@@ -1,7 +1,7 @@
 """Checks avatar files from anywhere: the compiled loops of the decoder trust sizes and indices.
 
 What a file must hold is what the shipped avatars hold: the same names, dtypes and shapes, but for
-the number of Gaussians of hair and beard.
+the number of Gaussians of hair and beard, and maps as the light decoder beside them wants them.
 """
 
 from functools import cache
@@ -17,12 +17,14 @@ from sensors.types import InputError
 Form = tuple[str, tuple[int, ...]]  # dtype as safetensors names it, shape
 OWN = ("hair_", "beard_")  # their first dimension is a person's own
 OPTIONAL = ("beard_", "detail_", "wrinkles")  # all tensors with this prefix, or none
+MAP = "bias"  # maps of the light decoder, coarse to fine
 MAX_OWN = 200_000  # Gaussians of hair or beard
 FAR_MM = 2000.0  # from the middle of the head
 
 
-def check(tensors: dict[str, NDArray[Any]], path: Path) -> None:
-    """Raise InputError unless the decoder can use these tensors of an avatar file at `path`."""
+def check(tensors: dict[str, NDArray[Any]], path: Path, weights: Path) -> None:
+    """Raise InputError unless the decoder in the folder `weights` can use these tensors of an
+    avatar file at `path`."""
 
     def fail(expected: str, got: object) -> InputError:
         return InputError(
@@ -30,7 +32,8 @@ def check(tensors: dict[str, NDArray[Any]], path: Path) -> None:
             "make it again with livedrive avatar create"
         )
 
-    known = forms(weights_file.FOLDER)
+    shipped = forms(weights_file.FOLDER)
+    known = {n: f for n, f in shipped.items() if not n.startswith(MAP)} | maps(weights)
     lacks = [p for p in OPTIONAL if not any(name.startswith(p) for name in tensors)]
     needed = {n: f for n, f in known.items() if not n.startswith(tuple(lacks))}
     if tensors.keys() != needed.keys():
@@ -70,3 +73,15 @@ def forms(folder: Path) -> dict[str, Form]:
                 part = file.get_slice(name)
                 found[name] = (names[part.get_dtype()], tuple(part.get_shape()))
     return found
+
+
+@cache
+def maps(weights: Path) -> dict[str, Form]:
+    """What a folder's light decoder adds at each of its levels."""
+    from safetensors import safe_open
+
+    with safe_open(weights / "prior.safetensors", "numpy") as file:
+        h, w = file.get_tensor("light_base").tolist()
+        levels = sum(name.startswith("light_up_weight") for name in file.keys())  # noqa: SIM118
+        depths = [file.get_slice(f"light_up_weight{i}").get_shape()[0] for i in range(levels)]
+    return {f"{MAP}{i}": ("float16", (h * w << 2 * i, c)) for i, c in enumerate(depths)}

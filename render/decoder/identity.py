@@ -92,13 +92,15 @@ def path_of(name: str, folder: Path | None = None) -> Path:
 
 
 def load(name: str, folder: Path | None = None) -> Identity:
-    """Load one identity by its name, or from FILE.safetensors; its tensors are checked.
+    """Load one identity by its name, or from FILE.safetensors; its tensors are checked, against
+    the decoder in `folder` if one is there.
 
     Raises InputError naming the ones that exist.
     """
     path = path_of(name, folder)
     t, _ = weights_file.load(path, KIND)
-    avatar_check.check(t, path)
+    whole = folder is not None and (folder / "prior.safetensors").is_file()
+    avatar_check.check(t, path, folder if folder and whole else weights_file.FOLDER)
     name = path.stem.removeprefix(PREFIX)
     geometry = t["geometry"].astype(np.float32) / GEOMETRY_STEPS
     rest = Rest(geometry, t["eye_centers"], (t["reach_l"], t["reach_r"]), t["shut"])

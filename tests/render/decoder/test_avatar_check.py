@@ -9,7 +9,7 @@ import pytest
 from safetensors.numpy import load_file
 from safetensors.numpy import save as to_bytes
 
-from render.decoder import identity
+from render.decoder import identity, prior_file
 from render.decoder.learned import weights_file
 from sensors.types import InputError
 
@@ -30,6 +30,21 @@ def shipped(name: str) -> dict[str, np.ndarray]:
 def test_a_copy_of_a_shipped_avatar_loads_from_its_file(tmp_path: Path) -> None:
     who = identity.load(write(tmp_path, shipped("hugo")))
     assert who.name == "evil" and len(who.beard) == len(identity.load("hugo").beard)
+
+
+def test_an_avatar_beside_a_decoder_of_its_own_is_checked_against_that(tmp_path: Path) -> None:
+    """Red before: `eval ab` refused the weights of a version with other light networks."""
+    tensors = shipped("hugo")
+    tensors["bias3"] = tensors["bias3"][:, :5]
+    path = write(tmp_path, tensors)
+    with pytest.raises(InputError, match="bias3"):
+        identity.load("evil", tmp_path)
+    prior, card = weights_file.load(weights_file.FOLDER / "prior", prior_file.KIND)
+    last = prior["light_up_weight3"]
+    weights_file.save(tmp_path / "prior", prior | {"light_up_weight3": last[:5]}, card)
+    assert identity.load("evil", tmp_path).biases[3].shape[1] == 5
+    with pytest.raises(InputError, match="bias3"):
+        identity.load(path)
 
 
 def test_an_avatar_without_colours_of_thinner_heads_has_the_means(tmp_path: Path) -> None:
