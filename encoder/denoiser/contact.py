@@ -39,22 +39,28 @@ class Contact(nn.Module):
         nn.init.zeros_(self.move.weight)
         nn.init.zeros_(self.move.bias)
 
-    def moved_mm(self, x0: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1]
+    def gap_mm(self, x0: Tensor) -> Tensor:  # [B, T, 1]
+        """How far apart the lips are."""
+        return (x0 @ self.gap + self.rest)[..., None]
+
+    def moved_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
         """How much wider the trained head makes the gap."""
-        gap = (x0 @ self.gap + self.rest)[..., None]
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
-        low, high = ACTS_MM
-        near = ((high - gap) / (high - low)).clamp(0, 1)
-        return self.reach_mm * near * self.move(self.listen(seen).relu()).tanh()
+        moved = self.move(self.listen(seen).relu()).tanh()
+        return self.reach_mm * _share(gap, *ACTS_MM) * moved
 
     def parted_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
         """How much wider the gap becomes where neither p, b nor m is heard."""
-        low, high = UNHEARD
         heard = (audio @ self.closures.T).amax(-1, keepdim=True)
-        return (PARTED_MM - gap).relu() * ((high - heard) / (high - low)).clamp(0, 1)
+        return (PARTED_MM - gap).relu() * _share(heard, *UNHEARD)
 
     def forward(self, x0: Tensor, audio: Tensor, voice: Tensor | float = 1.0) -> Tensor:
         """voice [B, T, 1]: how sure it is that one is heard; without, lips stay where they are."""
-        moved = voice * self.moved_mm(x0, audio)
-        gap = (x0 @ self.gap + self.rest)[..., None] + moved
-        return x0 + (moved + voice * self.parted_mm(gap, audio)) * self.shut
+        gap = self.gap_mm(x0)
+        moved = voice * self.moved_mm(gap, audio)
+        return x0 + (moved + voice * self.parted_mm(gap + moved, audio)) * self.shut
+
+
+def _share(x: Tensor, low: float, high: float) -> Tensor:
+    """1 up to low, 0 from high on."""
+    return ((high - x) / (high - low)).clamp(0, 1)

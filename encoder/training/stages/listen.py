@@ -63,19 +63,19 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     pieces, voices = (
         SpokenPieces(
             part.without(config.without), Mouth.of(face), batch=config.batch, length=config.frames,
-            rules=config.rules, rest=config.rest,
+            rules=rules, rest=config.rest,
         )
-        for part in (frames, frames.followed_by(among))
+        for part, rules in (
+            (frames, config.rules), (frames.followed_by(among), config.voice_rules)
+        )
     )  # fmt: skip
     torch.manual_seed(config.run.seed)  # of the first weights, whoever heard the pack
     listener = new_listener(pieces, student, config)
     metrics, curve = train(listener, pieces, voices, config)
-    finish(listener, config)
-    told = listener.contact.closures
-    told.copy_(closures(phones.config, told.shape[1]))
+    finish(listener, config, closures(phones.config, listener.direct.hear.in_features))
     names = (
-        "share", "lines", "gain", "width_gain", "opening", "gate", "balance", "rules", "rest",
-        "versions", "noises", "steps", "voice_steps", "contact_steps",
+        "share", "lines", "gain", "width_gain", "opening", "gate", "balance", "rules",
+        "voice_rules", "rest", "versions", "noises", "steps", "voice_steps", "contact_steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}
     facts |= {"without": config.without, **config.run.card(metrics, curve)}

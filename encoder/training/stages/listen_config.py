@@ -30,9 +30,10 @@ class ListenConfig:
     # of how far lips are apart and of how wide they are, as straight lines say it (lip_lines.py)
     lines: tuple[float, float] = (0.4, 0.75)
     # slope and offset that the log-odds of a voice get after training: in doubt lips rest; r of
-    # talkers left out, lost to babble | loud frames of a clean voice in which lips rest | keys, mm:
-    # 2, -1.5 .776, .046 | .08 | .1; these .778, .049 | .05 | .4; 1.5, 0 .779, .051 | .02 | .5
-    gate: tuple[float, float] = (1.5, -0.5)
+    # talkers left out, lost to babble | loud frames of a clean voice in which lips rest | keys, mm,
+    # without the blocks: 2, -1.5 .779, .047 | .10 | .03; 1.5, -.5 .780, .049 | .05 | .22;
+    # 1.5, 0 .781, .051 | .04 | .35; 2, .5 .781, .055 | .04 | .23
+    gate: tuple[float, float] = (1.5, -0.6)
     drop: float = 0.4  # dropout: share of hidden units left out in a step of the mouth
     drop_heard: float = 0.2  # of what the mouth hears
     drop_voice: float = 0.3  # of what is heard of voices; without, keys become voices
@@ -47,6 +48,7 @@ class ListenConfig:
     # how much more a rare phone weighs: power of its share; 0: r .01 lower, with babble .03
     balance: float = 0.4
     rules: float = 0.25  # weight of rule-made motion, against 1 of real talkers
+    voice_rules: float = 3.0  # the same for what hears voices: made voices are many and clean
     rest: float = 0.3  # weight of what is no voice
     versions: int = 2  # of each clip, each with its own random microphone and room
     noises: int = 200  # clips of no voice beside the pack's

@@ -88,7 +88,7 @@ class Listener:
             voice = self.direct.voiced(plain).sigmoid()
             shown = voice * (mixed @ self.mix + self.shift)
             x0 = self.student.standardise(self.mouth.codes(shown))
-        moved = (voice * self.contact.moved_mm(x0, plain))[..., 0]
+        moved = (voice * self.contact.moved_mm(self.contact.gap_mm(x0), plain))[..., 0]
         gaps = self.mouth.gap(shown) + moved, moved, self.mouth.gap(truth)
         return _with_total(touches.meeting(*gaps, phones, there, self.rarity), config)
 
@@ -131,9 +131,9 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
 
 
 @torch.no_grad()
-def finish(listener: Listener, config: ListenConfig) -> None:
+def finish(listener: Listener, config: ListenConfig, told: Tensor) -> None:
     """In place: turn heads trained on standardised features and the mouth's numbers into the
-    student's."""
+    student's. told [3, D]: rows that take the log-odds of p, b and m out of what is heard."""
     direct, (mean, spread) = listener.direct, listener.scale
     dim = direct.hear.in_features
     listener.lines.fold(direct)
@@ -141,6 +141,7 @@ def finish(listener: Listener, config: ListenConfig) -> None:
         fold_scale(layer, mean, spread)
     for layer in (direct.hear, listener.contact.listen):
         fold_scale(layer, mean[:dim], spread[:dim])
+    listener.contact.closures.copy_(told)
     slope, offset = config.gate
     direct.voice.weight.mul_(slope)
     direct.voice.bias.mul_(slope).add_(offset)
