@@ -64,18 +64,18 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     seen = (torch.cat([heard, heard.sigmoid()], -1) - listener.scale[0]) / listener.scale[1]
     mouth, codes = listener.mouth, student.unstandardise(x0)
     said = listener.lines.beside(listener.direct.said(seen), seen)
-    mixed = 0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said
+    mixed = (0.4 * codes @ torch.tensor(mouth.read) + 0.6 * said) @ listener.mix + listener.shift
     voice = (2 * listener.direct.voiced(seen[..., :7]) - 0.5).sigmoid()
-    talks = mouth.codes(voice * (mixed @ listener.mix + listener.shift))
-    wanted = codes - FACE.mouth(codes) + talks
+    wanted = codes - FACE.mouth(codes) + mouth.codes(voice * mixed)
     head, told = listener.contact, noise(3, 7)
     moved = head.moved_mm(head.gap_mm(student.standardise(wanted)), seen[..., :7])
     listen.finish(listener, config, told)
     shown, sure = listener.direct(x0, heard)
     torch.testing.assert_close(sure, voice)
     torch.testing.assert_close(student.unstandardise(shown), wanted, atol=1e-3, rtol=1e-3)
-    after = head.moved_mm(head.gap_mm(shown), heard) - moved
-    assert after.abs().max() < 2e-3 and torch.equal(head.closures, told)
+    after = head.moved_mm(head.gap_mm(shown), heard)
+    torch.testing.assert_close(after, moved, atol=1e-3, rtol=1e-3)
+    assert torch.equal(head.closures, told)
 
 
 @torch.no_grad()
