@@ -39,7 +39,8 @@ class Listener:
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
     lines: LipLines
     mix: Tensor  # [MOUTH, MOUTH]: gains
-    shift: Tensor  # [MOUTH]: what lips that talk are moved by, on top
+    opened: Tensor  # [MOUTH, MOUTH] and
+    shift: Tensor  # [MOUTH]: how much further lips that talk open, and what they are moved by
     rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
     @property
@@ -78,7 +79,8 @@ class Listener:
         return _with_total({"voice": rest + config.heard_weight * voice}, config)
 
     def contact_losses(self, batch: Batch, config: ListenConfig) -> dict[str, Tensor]:
-        """Behind the path as it is, frozen and without dropout."""
+        """Behind the path, frozen and without dropout. Its lips do not open further than the true
+        ones yet: the head would take it back."""
         heard, own, truth, phones, _, there = batch
         seen = self._seen(heard)
         plain = seen[..., : heard.shape[-1]]
@@ -86,7 +88,7 @@ class Listener:
             lined = self.lines.beside(self.direct.said(seen), seen)
             mixed = config.share * own + (1 - config.share) * lined
             voice = self.direct.voiced(plain).sigmoid()
-            shown = voice * (mixed @ self.mix + self.shift)
+            shown = voice * (mixed @ self.mix)
             x0 = self.student.standardise(self.mouth.codes(shown))
         moved = (voice * self.contact.moved_mm(self.contact.gap_mm(x0), plain))[..., 0]
         gaps = self.mouth.gap(shown) + moved, moved, self.mouth.gap(truth)
@@ -123,11 +125,12 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     direct = Direct(heard.shape[1], student.config.expression_dim, config.hidden)
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
     truth, (opening, middle) = torch.from_numpy(pieces.truth[::every]), config.opening
-    mix = config.gain * mouth.stretched(truth, (opening, config.width_gain))
+    mix = config.gain * mouth.stretched(truth, (1.0, config.width_gain))
+    opened = mouth.stretched(truth, (opening, 1.0))
     shift = (1 - opening) * middle * mouth.ways(truth)[0]
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
     lines = LipLines.of(pieces, scale, config.lines)
-    return Listener(direct, contact, student, mouth, scale, lines, mix, shift, rarity)
+    return Listener(direct, contact, student, mouth, scale, lines, mix, opened, shift, rarity)
 
 
 @torch.no_grad()
@@ -145,17 +148,18 @@ def finish(listener: Listener, config: ListenConfig, told: Tensor) -> None:
     slope, offset = config.gate
     direct.voice.weight.mul_(slope)
     direct.voice.bias.mul_(slope).add_(offset)
-    mix = (1 - config.share) * listener.mix
+    mix = listener.mix @ listener.opened
+    said = (1 - config.share) * mix
     for layer in (direct.move, direct.straight):
-        layer.weight.copy_(mix.T @ layer.weight)
-        layer.bias.copy_(mix.T @ layer.bias)
+        layer.weight.copy_(said.T @ layer.weight)
+        layer.bias.copy_(said.T @ layer.bias)
     direct.straight.bias.add_(listener.shift)
     student = listener.student
     read, write = (torch.from_numpy(a) for a in (listener.mouth.read, listener.mouth.write))
     direct.read.copy_(student.expression_std[:, None] * read)
     direct.rest.copy_(student.expression_mean @ read)
     direct.write.copy_(write / student.expression_std)
-    direct.share.copy_(config.share * listener.mix)
+    direct.share.copy_(config.share * mix)
     assert direct.share.shape == (MOUTH, MOUTH)
 
 
