@@ -2,6 +2,7 @@
 of talkers are of one size; rest, opening and made speech stay as they are."""
 
 import numpy as np
+import pytest
 import torch
 from training_material import FACE, spoken
 
@@ -147,3 +148,11 @@ def test_without_a_tracked_talker_nothing_changes() -> None:
     truth = np.ones((4, MOUTH), np.float32)
     made, said = np.array([RULES, RULES, REST, REST]), np.array([True, True, False, False])
     np.testing.assert_array_equal(levelled(truth, made, said, FACE_MOUTH), truth)
+
+
+@pytest.mark.parametrize("gains", [(1.0, 1.3), (1.2, 1.0), (1.2, 1.3)])
+def test_lips_are_as_much_farther_apart_and_wider_as_the_gains_say(gains) -> None:
+    truth = noise(0, 500, MOUTH)
+    stretched = truth @ FACE_MOUTH.stretched(truth, gains)
+    before, after = FACE_MOUTH.spans(truth), FACE_MOUTH.spans(stretched)
+    torch.testing.assert_close(after, torch.tensor(gains) * before, atol=1e-3, rtol=1e-3)
