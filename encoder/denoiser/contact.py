@@ -43,11 +43,14 @@ class Contact(nn.Module):
         """How far apart the lips are."""
         return (x0 @ self.gap + self.rest)[..., None]
 
-    def moved_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
-        """How much wider the trained head makes the gap."""
+    def wanted_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
+        """How much wider the trained head would make the gap, however far apart the lips are."""
         seen = torch.cat([gap, (self.knots - gap).relu(), audio], -1)
-        moved = self.move(self.listen(seen).relu()).tanh()
-        return self.reach_mm * _share(gap, *ACTS_MM) * moved
+        return self.reach_mm * self.move(self.listen(seen).relu()).tanh()
+
+    def moved_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
+        """How much wider it makes the gap: lips that are far apart it leaves there."""
+        return _share(gap, *ACTS_MM) * self.wanted_mm(gap, audio)
 
     def parted_mm(self, gap: Tensor, audio: Tensor) -> Tensor:  # [B, T, 1] mm, [B, T, A]
         """How much wider the gap becomes where neither p, b nor m is heard."""
