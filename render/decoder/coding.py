@@ -13,6 +13,9 @@ from render.types import Floats
 
 EXPRESSION_DIM = 256
 TONGUE_REACH = 6.0  # length of a full tongue activation in the code
+# Length of the free part of a normalised code: of all faces it is shorter than the first; from the
+# second on it says nothing.
+FREE_LENGTHS = 9.0, 18.0
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,15 @@ class Coding:
 
     def normalised(self, code: Floats) -> Floats:  # [..., 256] -> unit variance, rig first
         return ((code @ self.frame.T - self.mean) / self.deviation).astype(np.float32, copy=False)
+
+    def plausible(self, code: Floats) -> Floats:  # [256] -> as `normalised`
+        """Without a free part that is longer than any face's: networks that drive are not charged
+        for theirs, and with an emotion it is 55 long. Light that was learned from faces would put
+        out the eyes."""
+        normalised, (low, high) = self.normalised(code), FREE_LENGTHS
+        free = normalised[self.to_rig.shape[1] :]
+        free *= np.float32(min(max((high - np.linalg.norm(free)) / (high - low), 0), 1))
+        return normalised
 
     def code(self, normalised: Floats) -> Floats:
         """The way back: a Gaussian sample becomes a plausible face."""

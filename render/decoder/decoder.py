@@ -131,7 +131,7 @@ class Decoder:
     def visibility(self, expression: Floats, identity: Identity) -> Floats:  # [256] -> [4, U]
         """Shares of the sky, of the key light and the rims that reach each used vertex."""
         cache, out = self.cached(identity), np.empty_like(identity.visibility)
-        code = self.coding.normalised(expression.astype(np.float32))
+        code = self.coding.plausible(expression.astype(np.float32))
         change, out[2:] = self.light(code, cache.biases) - cache.light, identity.visibility[2:]
         kernels.read_light(*self.texels, change, identity.visibility[:2], out[:2])
         return out

@@ -181,3 +181,17 @@ def test_reused_memory_holds_the_same_head(decoder):
                 np.testing.assert_array_equal(getattr(reused, name), getattr(fresh, name))
     again = decoder.decode(decoder.sample(rng), AHEAD, people[1], reuse=True)[1]
     assert again.means is reused.means and fresh.means is not reused.means
+
+
+@pytest.mark.parametrize(("length", "says"), [(6, True), (30, False)])
+def test_a_free_part_longer_than_any_faces_says_nothing(decoder: Decoder, length, says) -> None:
+    """Red before: with an emotion eyes were black, and corners of the mouth dirty."""
+    who, coding = identity.load("ben"), decoder.coding
+    smile = pose(decoder, mouthSmile_L=0.7, mouthSmile_R=0.7)
+    noise = np.random.default_rng(0).standard_normal(len(coding.free)).astype(np.float32)
+    normal = coding.normalised(smile)
+    normal[-len(noise) :] = length * noise / np.linalg.norm(noise)
+    _, plain = decoder.decode(smile, AHEAD, who)
+    _, noisy = decoder.decode(coding.code(normal), AHEAD, who)
+    off = np.abs(noisy.colors - plain.colors).max()
+    assert off > 0.02 if says else off < 1e-3
