@@ -114,6 +114,7 @@ def make_thresholds(metrics: Metrics, kinds: list[str]) -> list[dict[str, Any]]:
     limits: dict[str, tuple[Callable[..., Any], float]] = {
         "intensity_0_difference": (at_most, 0.0),
         "intensity_monotone_share": (at_least, 1.0),
+        "lids_apart_p95": (at_most, 0.1),
         "switching_jump_over_normal": (at_most, 1.0),
         "switching_jump_over_steady": (at_most, 1.0),
         "emotion_cpu_ms_a_tick": (at_most, 0.3),

@@ -40,10 +40,13 @@ def _intensity_metrics(evaluated: EmotionEvaluation, driver: "Driver", sound: Fl
     assert driver.emotions is not None
     face, seed = evaluated.regions["face"], evaluated.settings.seed
     calm = drive(driver, sound, "", seed)
-    monotone, halves, zero = 0, list[float](), 0.0
+    lids = [evaluated.decoder.rig_names.index(f"eyeBlink_{side}") for side in "LR"]
+    monotone, halves, zero, apart = 0, list[float](), 0.0, 0.0
     for label in driver.emotions.labels:
         rows = [drive(driver, sound, f"{label}:{i}", seed) for i in INTENSITIES]
         zero = max(zero, float(np.abs(rows[0] - calm).max()))
+        sides = evaluated.decoder.rig(rows[-1])[:, lids]
+        apart = max(apart, float(np.quantile(np.abs(np.diff(sides)), 0.95)))
         way = np.stack([(face(row) - face(calm))[15:].mean(0) for row in rows])
         end = way[-1] / np.linalg.norm(way[-1])
         along = (way * end).sum((1, 2))  # mm, along the full emotion
@@ -54,6 +57,7 @@ def _intensity_metrics(evaluated: EmotionEvaluation, driver: "Driver", sound: Fl
         "intensity_monotone_share": monotone / len(driver.emotions.labels),
         "intensity_half_least": min(halves),
         "intensity_half_most": max(halves),
+        "lids_apart_p95": apart,  # of a blink, of the emotion where it is largest
     }
 
 

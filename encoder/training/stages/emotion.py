@@ -1,7 +1,9 @@
 """Stage "emotion": zero convolutions between the blocks of the frozen student (paper section 5.1).
 
 L_face pulls the meshes to the emotional truth. L_lip makes the lips shut where the neutral model
-rightly shuts them for the same sound and noise, and otherwise move as the truth's do. Trained on
+rightly shuts them for the same sound and noise, and otherwise move as the truth's do. L_calm (not
+in the paper) leaves blinks and glances to the neutral model: what an emotion adds above the mouth
+changes slowly, to both eyes' lids the same, and where no face has numbers it adds none. Trained on
 the one-step student itself, so that live driving stays one step. Also does direct fine-tuning, in
 which all weights are trained; the paper's ablation trains it with L_face alone.
 """
@@ -10,9 +12,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
 from torch import Tensor, nn
 
+from encoder.capture.motion.channels import RIG_INDEX, RIG_NAMES, SPEECH_NAMES
 from encoder.denoiser.config import ZeroConvConfig
 from encoder.denoiser.model import Denoiser
 from encoder.denoiser.zero_conv import ZeroConvs
@@ -28,6 +32,8 @@ from sensors.types import InputError
 
 KEPT_WEIGHT = 40.0  # mm: closures are rare, and a small gap undoes them
 CONVOLUTION_RATE = 1e-2
+LIDS = "eyeBlink", "eyeSquint", "eyeWide"  # both eyes' have the same part in every emotion
+RIG_SIZE = 55  # channels, and the tongue's tip and back
 TRUTH = (
     "made by rules: action units laid over speech; half the streams with an acted voice, half with "
     "a neutral one"
@@ -47,6 +53,7 @@ class EmotionConfig:
     frames: int = 100
     rate: float = CONVOLUTION_RATE
     lip_weight: float = 4.0  # mm, of L_lip against L_face; 0: an ablation
+    calm_weight: float = 0.5  # of L_calm; 0: an ablation
 
 
 preset = Presets(
@@ -57,6 +64,25 @@ preset = Presets(
         "paper": {"steps": 30_000, "batch": 128, "rate": 1e-5},
     },
 )
+
+
+@dataclass(frozen=True)
+class Calm:
+    """Maps of codes to what L_calm looks at."""
+
+    above: Tensor  # [256, C] channels that speech does not move, each as far as it moves the code
+    sides: Tensor  # [256, 3] the left eye's lids less the right one's, the same way
+    free: Tensor  # [256, 256] what no channel and no tongue moves
+
+    @staticmethod
+    def of(face: TrainingFace) -> "Calm":
+        rows = torch.from_numpy(face.rig_to_code(np.eye(RIG_SIZE, dtype=np.float32))).double()
+        read = torch.linalg.pinv(rows)  # [256, 55]
+        names = [i for i, name in enumerate(RIG_NAMES) if name not in SPEECH_NAMES]
+        moved, free = read * rows.norm(dim=1), torch.eye(len(read)) - read @ rows
+        left, right = ([RIG_INDEX[f"{lid}_{side}"] for lid in LIDS] for side in "LR")
+        sides = moved[:, left] - moved[:, right]
+        return Calm(moved[:, names].float(), sides.float(), free.float())
 
 
 def face_loss(predicted: Tensor, truth: Tensor, weights: Tensor) -> Tensor:
@@ -79,13 +105,22 @@ def lip_loss(
     return sync + KEPT_WEIGHT * (right - closest(gaps)).clamp(min=0).square().mean()
 
 
+def calm_loss(added: Tensor, calm: Calm) -> Tensor:
+    """L_calm: what an emotion adds to codes [B, T, 256] -> how fast it changes above the mouth, how
+    much more of it the lids of one eye get, and how much no face has, in the code's units,
+    squared."""
+    parts = (added @ calm.above).diff(dim=1), added @ calm.sides, added @ calm.free
+    return torch.stack([part.square().sum(-1).mean() for part in parts]).sum()
+
+
 def losses(
     student: Denoiser,
     zero: ZeroConvs,
     frozen: Denoiser,
     batch: tuple[Tensor, ...],  # codes, audio, scaled gaze, mixture
     face: TrainingFace,
-    lip_weight: float,
+    config: EmotionConfig,
+    calm: Calm,
 ) -> dict[str, Tensor]:
     codes, audio, gaze, mixture = batch
     noise = torch.randn_like(codes)
@@ -94,12 +129,14 @@ def losses(
     truth = face.vertices(codes)
     result = {"face": face_loss(face.vertices(z), truth, face.weights)}
     total = result["face"]
-    if lip_weight:
-        with torch.no_grad():
-            neutral = frozen.unstandardise(frozen(noise, tau, audio, gaze))
+    with torch.no_grad():
+        neutral = frozen.unstandardise(frozen(noise, tau, audio, gaze))
+    if config.lip_weight:
         gaps = (face.gaps(x) for x in (z, neutral, codes))
         result["lip"] = lip_loss(face.spans(z), face.spans(codes), *gaps)
-        total = total + lip_weight * result["lip"]
+        total = total + config.lip_weight * result["lip"]
+    result["calm"] = calm_loss(z - neutral, calm)
+    total = total + config.calm_weight * result["calm"]
     return result | {"total": total}
 
 
@@ -127,6 +164,7 @@ def run(config: EmotionConfig, face: TrainingFace) -> dict[str, float]:
     if config.start:
         zero, origin["started_from"] = start_from(config.start, zero.config)
     zero.to(config.run.device)
+    calm = Calm.of(face)
     modules: dict[str, nn.Module] = {"zero": zero}
     if config.fine_tune:
         modules["student"] = student.requires_grad_(True)
@@ -136,7 +174,7 @@ def run(config: EmotionConfig, face: TrainingFace) -> dict[str, float]:
     def step_losses(step: int, rng: Any) -> dict[str, Tensor]:
         drawn = streams.draw(config.batch, config.frames, face, rng)
         batch = tuple(tensor.to(config.run.device) for tensor in drawn)
-        return losses(student, zero, frozen, batch, face, config.lip_weight)
+        return losses(student, zero, frozen, batch, face, config, calm)
 
     metrics, curve = loop.train(
         "emotion", modules, step_losses, steps=config.steps, rate=config.rate, run=config.run
@@ -146,6 +184,7 @@ def run(config: EmotionConfig, face: TrainingFace) -> dict[str, float]:
         "truth": TRUTH,
         "steps": config.steps,
         "lip_weight": config.lip_weight,
+        "calm_weight": config.calm_weight,
         **origin,
         **config.run.card(metrics, curve),
     }

@@ -31,7 +31,8 @@ from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
 
-BASIS = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 53)))[0].T.astype(np.float32)
+FULL = np.linalg.qr(np.random.default_rng(0).standard_normal((256, 55)))[0].T.astype(np.float32)
+BASIS = FULL[:53]  # without the tongue
 TO_RIG = torch.tensor(BASIS.T)
 
 
@@ -45,7 +46,7 @@ def face(channels: list[int]) -> TrainingFace:
         return torch.einsum("...c,cvk->...vk", codes @ TO_RIG, pick)
 
     def rig_to_code(rig: np.ndarray) -> np.ndarray:
-        return (rig @ BASIS).astype(np.float32)
+        return (rig @ FULL[: rig.shape[-1]]).astype(np.float32)
 
     def spans(codes: torch.Tensor) -> torch.Tensor:
         return vertices(codes)[..., :2, 1]
@@ -166,6 +167,21 @@ def test_a_closure_that_the_neutral_model_has_right_weighs_most() -> None:
     assert lip_loss(never, gaps(5), never) == 0
 
 
+def test_what_an_emotion_adds_above_the_mouth_is_calm_and_a_face() -> None:
+    calm, jumps = emotion.Calm.of(FACE), np.zeros((1, 12, 53), np.float32)
+    costs = []
+    for channel in ("browDown_L", "jawOpen"):
+        jumps[:] = 0
+        jumps[:, 6:, RIG_INDEX[channel]] = 0.5
+        costs.append(float(emotion.calm_loss(torch.tensor(jumps @ BASIS), calm)))
+    assert costs == pytest.approx([0.25 / 11, 0], abs=1e-5)
+    lids = RIG_INDEX["eyeBlink_L"], RIG_INDEX["eyeBlink_R"]
+    for channels, cost in (([RIG_INDEX["browDown_L"]], 0), (lids, 0), (lids[:1], 1)):
+        held = torch.tensor(FULL[list(channels)].sum(0))[None, None].repeat(1, 12, 1)
+        assert float(emotion.calm_loss(held, calm)) == pytest.approx(cost, abs=1e-5)
+    assert float(emotion.calm_loss(torch.randn(1, 12, 256), calm)) > 150
+
+
 def test_only_the_zero_convolutions_learn() -> None:
     _, student = models()
     student.requires_grad_(False)
@@ -175,9 +191,13 @@ def test_only_the_zero_convolutions_learn() -> None:
     rig[..., SMILE] = 1.0
     codes = torch.tensor(rig @ BASIS * 3)
     batch = (codes, torch.randn(2, 12, 512), torch.randn(2, 12, 6), torch.eye(len(LABELS))[:2])
+    names = ("streams", "student", "output")
+    run = loop.RunSettings(state=Path("state"))
+    plain = emotion.preset("debug", run=run, lip_weight=0.0, **dict.fromkeys(names, Path()))
+    calm = emotion.Calm.of(FACE)
     for _ in range(60):
         torch.manual_seed(0)  # the same noise: one batch must be learned
-        result = emotion.losses(student, zero, student, batch, FACE, 0.0)
+        result = emotion.losses(student, zero, student, batch, FACE, plain, calm)
         optimizer.zero_grad()
         result["total"].backward()
         optimizer.step()
