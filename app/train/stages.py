@@ -26,8 +26,10 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     },
     "lookahead": {"regression": {"lookahead": 5}, "contact": {}},  # 167 ms
     "no-dmd": {"distill": {"dmd_weight": 0.0}},
-    "fine-tune": {"emotion": {"fine_tune": True, "rate": 5e-4, "lip_weight": 0.0}},
-    "fine-tune-lip": {"emotion": {"fine_tune": True, "rate": 5e-4}},
+    "fine-tune": {
+        "emotion": {"fine_tune": True, "rate": 5e-4, "lip_weight": 0.0, "calm_weight": 0.0}
+    },
+    "fine-tune-lip": {"emotion": {"fine_tune": True, "rate": 5e-4, "calm_weight": 0.0}},
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own

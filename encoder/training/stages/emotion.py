@@ -109,7 +109,8 @@ def calm_loss(added: Tensor, calm: Calm) -> Tensor:
     """L_calm: what an emotion adds to codes [B, T, 256] -> how fast it changes above the mouth, how
     much more of it the lids of one eye get, and how much no face has, in the code's units,
     squared."""
-    parts = (added @ calm.above).diff(dim=1), added @ calm.sides, added @ calm.free
+    above, sides, free = (added @ read.to(added) for read in (calm.above, calm.sides, calm.free))
+    parts = above.diff(dim=1), sides, free
     return torch.stack([part.square().sum(-1).mean() for part in parts]).sum()
 
 
@@ -129,14 +130,17 @@ def losses(
     truth = face.vertices(codes)
     result = {"face": face_loss(face.vertices(z), truth, face.weights)}
     total = result["face"]
+    if not (config.lip_weight or config.calm_weight):
+        return result | {"total": total}
     with torch.no_grad():
         neutral = frozen.unstandardise(frozen(noise, tau, audio, gaze))
     if config.lip_weight:
         gaps = (face.gaps(x) for x in (z, neutral, codes))
         result["lip"] = lip_loss(face.spans(z), face.spans(codes), *gaps)
         total = total + config.lip_weight * result["lip"]
-    result["calm"] = calm_loss(z - neutral, calm)
-    total = total + config.calm_weight * result["calm"]
+    if config.calm_weight:
+        result["calm"] = calm_loss(z - neutral, calm)
+        total = total + config.calm_weight * result["calm"]
     return result | {"total": total}
 
 
