@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from encoder.audio.config import SECOND, AudioEncoderConfig
 from encoder.audio.framing import lerp_place, lerp_ready, resample_kernel
@@ -41,12 +42,10 @@ class LiveAudio:
         self._kernel = resample_kernel(self._factor)
         self._context = len(self._kernel) - self._factor
         tick = SAMPLES_PER_FRAME / self._factor / config.stride  # features a tick
-        ends = np.cumsum([width for width, _ in config.parts])
-        self._parts = [
-            (slice(int(end) - width, int(end)), past)
-            for end, (width, past) in zip(ends, config.parts, strict=True)
-        ]
         self._past = max(past for _, past in config.parts)
+        self._width = sum(width for width, _ in config.parts)
+        if self._steady:
+            self._places = _places(config, self._past)
         self._memory = audio_memory(config)
         self._heard = [(ago(n, age), n, age - 1) for n, m in self._memory.items() for age in m.ages]
         self._outputs = ["features", *(f"{name}_next" for name in self._memory)]
@@ -68,7 +67,7 @@ class LiveAudio:
             for name, memory in self._memory.items()
         }
         raw, sound = np.zeros(self._context, np.float32), np.zeros(self._reach, np.float32)
-        tail = np.zeros((self._past, self._parts[-1][0].stop), np.float32)
+        tail = np.zeros((self._past, self._width), np.float32)
         return AudioState(raw, sound, layers, tail, 0)
 
     def step(self, audio: Floats, state: AudioState) -> tuple[Floats, AudioState]:
@@ -92,16 +91,26 @@ class LiveAudio:
         }
         raw, sound, count = raw[ready * self._factor :], sound[used:], state.count + num
         if self._steady:
-            rows = [(features[:, part], state.tail[:past, part]) for part, past in self._parts]
-            frame = np.concatenate([array.reshape(-1) for row in rows for array in row])
-            tail = np.concatenate([features.mean(0, keepdims=True), state.tail])[: self._past]
-            return frame, AudioState(raw, sound, layers, tail, count)
+            rows = np.concatenate([features, state.tail])
+            tail = np.concatenate([features.mean(0, keepdims=True), state.tail[:-1]])
+            return rows.take(self._places), AudioState(raw, sound, layers, tail, count)
         tail = np.concatenate([state.tail, features])[-KEPT:]
         left, weight = lerp_place(lerp_ready(count) - 1)
         place = left - (count - len(tail))
         pair = tail[place : place + 2]
         mixed = pair[0] + np.float32(weight) * (pair[-1] - pair[0])
         return mixed, AudioState(raw, sound, layers, tail, count)
+
+
+def _places(config: AudioEncoderConfig, past: int) -> NDArray[np.intp]:
+    """Where the numbers of audio_features lie in the rows of a tick's features and what its past
+    left: part after part, first the newest rows, then the means of earlier ticks."""
+    num, width = config.features_a_tick, sum(width for width, _ in config.parts)
+    rows, places, start = np.arange((num + past) * width).reshape(-1, width), [], 0
+    for part, ticks in config.parts:
+        places.append(rows[: num + ticks, start : start + part].reshape(-1))
+        start += part
+    return np.concatenate(places)
 
 
 def _windows(samples: Floats, count: int, size: int, hop: int) -> Floats:
