@@ -16,6 +16,8 @@ from sensors.session.eye_video import EyeVideoReader
 from sensors.session.format import AudioEntry, EyeEntry
 from sensors.types import SAMPLE_RATE, AudioPacket, EyePacket, InputError
 
+READ_AHEAD = SAMPLE_RATE  # samples: a packet is a tick's, and each read takes as long as a second's
+
 
 class AudioStream:
     """The sound of a session, read in the pieces that are asked for."""
@@ -25,6 +27,7 @@ class AudioStream:
         self.t_ns = np.array([e.t_ns for e in entries], np.int64)  # [packets]
         self._path = path
         self._file: Any = None
+        self._read: tuple[int, NDArray[np.float32]] = 0, np.empty(0, np.float32)  # offset, samples
         self.num_samples = self._open()
         expected = max((e.offset + e.num_samples for e in entries), default=0)
         if self.num_samples < expected:
@@ -35,11 +38,11 @@ class AudioStream:
             )
 
     def packet(self, entry: AudioEntry) -> AudioPacket:
-        if self._file is None:
-            self._open()
-        file: Any = self._file
-        file.seek(entry.offset)
-        samples: NDArray[np.float32] = file.read(entry.num_samples, dtype="float32")
+        start, read = self._read
+        first = entry.offset - start
+        if first < 0 or first + entry.num_samples > len(read):
+            first, read = 0, self._read_from(entry.offset, max(entry.num_samples, READ_AHEAD))
+        samples = read[first : first + entry.num_samples]
         return AudioPacket(entry.t_ns, entry.first_sample, samples, entry.gap)
 
     def sample(
@@ -53,6 +56,15 @@ class AudioStream:
         if self._file is not None:
             self._file.close()
             self._file = None
+        self._read = 0, np.empty(0, np.float32)
+
+    def _read_from(self, offset: int, count: int) -> NDArray[np.float32]:
+        if self._file is None:
+            self._open()
+        file: Any = self._file
+        file.seek(offset)
+        self._read = offset, file.read(count, dtype="float32")
+        return self._read[1]
 
     def _open(self) -> int:
         import soundfile
