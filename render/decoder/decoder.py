@@ -176,18 +176,19 @@ class Decoder:
         count, beard = len(cache.opacities), len(means) - len(identity.beard)
         spots, hair, strands = slice(count, count + 2), slice(count + 2, beard), slice(beard, None)
 
-        def look() -> Floats:
-            still = cache.strands.means, cache.strands.quats
-            neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
-            return self.visibility(expression, identity)
-
-        (vertices, at_rest, gap, posed), visibility = self._threads.both(pose, look)
+        (vertices, at_rest, gap, posed), visibility = self._threads.both(
+            pose, lambda: self.visibility(expression, identity)
+        )
         assert cloud.shine
         rows = means[:count], quats[:count], scales[:count], colors[:count]
         skin = SkinGaussians(*rows, cloud.shine.weights)
         self.teeth_light.fill(visibility, gap)
         self.tongue_light.fill(vertices, identity.geometry, visibility, gap)
         looks = gaze, identity.eye_centers, cache.eye_sizes, eyes.HALF @ move[:, :3]
+
+        def turn_hair() -> None:
+            still = cache.strands.means, cache.strands.quats
+            neck.turn_hair(*still, cache.hair, bent, means[hair], quats[hair])
 
         def place_highlights_and_beard() -> None:
             eyes.place_highlights(self.posing, vertices, *looks, means[spots], opacities[spots])
@@ -200,7 +201,7 @@ class Decoder:
         share = self._threads.share
         carried = self.surface.light(vertices, visibility, posed, self.lighting, move, share)
         parts = self.surface.gaussians(carried, posed, cache.reflected, cache.gloss, skin)
-        parts.insert(0, place_highlights_and_beard)
+        parts = [turn_hair, place_highlights_and_beard, *parts]
         share(lambda part: parts[part](), len(parts))
         self.wrinkles.fold(rig, skin.colors, identity.wrinkles)
         for line, eye in zip(self.posing.lid_lines, self.eyes, strict=True):
