@@ -30,7 +30,7 @@ ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
 # of an emotion's action units, and so a take of strength 1 has intensity SWELL.
 SWELL = 0.72
 NEAR_MM = 2.0  # closer lips are about to shut or have just opened
-SHARES = {"rules": 0.6, "tracked": 0.3, "rest": 0.1}  # of the neutral streams
+SHARES = {"rules": 0.4, "tracked": 0.5, "rest": 0.1}  # of the neutral streams
 
 
 @dataclass(frozen=True, kw_only=True)
