@@ -71,8 +71,9 @@ class CreateSession:
         if not made["frames"]:
             print(f"warning: {audio}: shorter than one frame (1/30 s); nothing to replay")
         print(json.dumps(made, indent=2))
-        words = ["livedrive", "replay", str(self.folder), "--video", "out.mp4"]
-        print(f"next: {shlex.join(words)}")
+        if made["frames"]:
+            words = ["livedrive", "replay", str(self.folder), "--video", "out.mp4"]
+            print(f"next: {shlex.join(words)}")
 
 
 @dataclass(kw_only=True)

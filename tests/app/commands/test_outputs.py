@@ -17,6 +17,8 @@ from app.commands.meet.server import Server
 from app.commands.replay import Replay
 from app.commands.session import CreateSession
 from app.main import main
+from sensors.session.recording import RecordingWriter
+from sensors.types import AudioPacket
 
 SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
 
@@ -139,8 +141,11 @@ def test_nothing_is_measured_on_no_frames(
     """Red before: `bench` passed every threshold, `eval head` ended in a traceback."""
     soundfile.write(tmp_path / "a.wav", np.zeros(100, np.float32), 48_000)
     CreateSession(folder=tmp_path / "s", audio=tmp_path / "a.wav").run()
-    assert "with frames" in told(f"bench --session {tmp_path}/s".split(), capsys)
-    assert "1 s or more" in told(f"eval head --session {tmp_path}/s".split(), capsys)
+    assert "at least one frame" in told(f"bench --session {tmp_path}/s".split(), capsys)
+    assert "at least one frame" in told(f"eval head --session {tmp_path}/s".split(), capsys)
+    soundfile.write(tmp_path / "b.wav", np.zeros(1600, np.float32), 48_000)
+    CreateSession(folder=tmp_path / "b", audio=tmp_path / "b.wav").run()
+    assert "1 s or more" in told(f"eval head --session {tmp_path}/b".split(), capsys)
 
 
 def test_a_bench_takes_a_time(capsys: pytest.CaptureFixture[str]) -> None:
@@ -181,7 +186,28 @@ def test_a_sound_shorter_than_a_frame_is_told(
 ) -> None:
     soundfile.write(tmp_path / "a.wav", np.zeros(100, np.float32), 48_000)
     CreateSession(folder=tmp_path / "s", audio=tmp_path / "a.wav").run()
-    assert "shorter than one frame" in capsys.readouterr().out
+    said = capsys.readouterr().out
+    assert "shorter than one frame" in said and "next:" not in said
+
+
+@pytest.mark.parametrize("samples", [0, 480])
+@pytest.mark.parametrize(
+    "words", ["--video {}.mp4", "--motion {}.npz", "--arkit {}.csv --report {}.json"]
+)
+def test_a_replay_of_no_frames_leaves_what_was_there(
+    samples: int, words: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: "0 frames", status 0, and older files of no bytes."""
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        if samples:
+            writer.append(AudioPacket(0, 0, np.zeros(samples, np.float32)))
+    outputs = [tmp_path / f"out.{suffix}" for suffix in ("mp4", "npz", "csv", "json")]
+    for path in outputs:
+        path.write_text("mine")
+    command = f"replay {tmp_path}/s {words}".replace("{}", f"{tmp_path}/out")
+    said = told(command.split(), capsys)
+    assert f"at least one frame of sound (1600 samples), got {samples}" in said
+    assert {path.read_text() for path in outputs} == {"mine"}
 
 
 def test_a_folder_takes_the_place_of_no_file(
