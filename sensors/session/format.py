@@ -141,7 +141,7 @@ def read_card(folder: Path) -> dict[str, Any]:
             f"{path}: expected session format version {VERSION}, got the newer {version}; "
             "update livedrive to read it"
         )
-    for name in ("devices", "calibration"):
+    for name in ("devices", "calibration", "counts"):
         if not isinstance(card.get(name, {}), dict):
             raise InputError(f"{path}: expected an object as {name}, got another value; restore it")
     return card

@@ -4,7 +4,7 @@ Flow: Source.poll -> RecordingWriter (raw packets, before assembly) -> folder ->
 ReplaySource. `kill -9` while recording loses at most the last 100 ms; the next `Recording` repairs.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +40,7 @@ class Recording:
         if not self.card.get("closed"):
             self.card = repair(self.folder, self.card)
         self.entries = fmt.read_timeline(self.folder, closed=True)
+        _check_counts(self.folder, self.card, self.entries)
         self.heads = [e for e in self.entries if isinstance(e, HeadEntry)]
         sounds = [e for e in self.entries if isinstance(e, AudioEntry)]
         self.audio = AudioStream(self.folder / fmt.AUDIO_FILE, sounds)
@@ -145,6 +146,7 @@ class RecordingWriter:
         self._wav = WavWriter(sound, audio_format)
         self._eyes: dict[int, EyeVideoWriter] = {}
         self._start_ns: int | None = None
+        self._counts = {"audio": 0}  # of what the timeline vouches for
         self._closed = False
         fmt.write_card(self.folder, self._card)
 
@@ -174,6 +176,7 @@ class RecordingWriter:
             picture = self._eyes[packet.eye].append(packet.image, packet.t_ns - self._start_ns)
             entry = EyeEntry(packet.t_ns, packet.eye, packet.counter, picture)
         self._timeline.write(fmt.entry_line(entry))
+        _count(self._counts, entry)
 
     def close(self) -> None:
         """Finish all files and mark the session closed; calling it twice is harmless."""
@@ -183,8 +186,7 @@ class RecordingWriter:
         for video in self._eyes.values():
             video.close()
         self._wav.close()
-        counts = {f"eye_{EYE_NAMES[eye]}": v.num_pictures for eye, v in self._eyes.items()}
-        self._card |= {"counts": {"audio": self._wav.num_samples, **counts}, "closed": True}
+        self._card |= {"counts": self._counts, "closed": True}
         fmt.write_card(self.folder, self._card)
         self._timeline.close()
 
@@ -193,6 +195,34 @@ class RecordingWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _count(counts: dict[str, int], entry: fmt.Entry) -> None:
+    """Add the samples or the picture of one line, under the names of the card."""
+    if isinstance(entry, AudioEntry):
+        counts["audio"] = counts.get("audio", 0) + entry.num_samples
+    elif isinstance(entry, EyeEntry):
+        name = f"eye_{EYE_NAMES[entry.eye]}"
+        counts[name] = counts.get(name, 0) + 1
+
+
+def _check_counts(folder: Path, card: Mapping[str, Any], entries: Iterable[fmt.Entry]) -> None:
+    """Raises InputError where the timeline holds other than the card counted when it was closed.
+
+    A repaired card counts the media, which may hold more than the lines that were saved.
+    """
+    if card.get("repaired"):
+        return
+    found: dict[str, int] = {}
+    for entry in entries:
+        _count(found, entry)
+    for name, expected in card.get("counts", {}).items():
+        if found.get(name, 0) != expected:
+            what = "samples of sound" if name == "audio" else f"pictures of {name}"
+            raise InputError(
+                f"{folder / fmt.TIMELINE_FILE}: expected {expected} {what}, as {fmt.CARD_FILE} "
+                f"counts, got {found.get(name, 0)}; restore the file"
+            )
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

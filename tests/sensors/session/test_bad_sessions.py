@@ -127,6 +127,28 @@ BAD_SESSIONS = {
 }
 
 
+def shorten(folder: Path, *, lines: slice) -> None:
+    path = folder / "timeline.jsonl"
+    path.write_bytes(b"".join(path.read_bytes().splitlines(True)[lines]))
+
+
+def without(folder: Path, stream: bytes) -> None:
+    """Delete the first line of a stream."""
+    path = folder / "timeline.jsonl"
+    lines = path.read_bytes().splitlines(True)
+    lines.remove(next(line for line in lines if stream in line))
+    path.write_bytes(b"".join(lines))
+
+
+BAD_SESSIONS |= {
+    "4800 samples of sound, as session.json counts, got 0": lambda d: shorten(d, lines=slice(0)),
+    "4800 samples of sound, as session.json counts, got 3200": lambda d: without(d, b"audio"),
+    "3 pictures of eye_right, as session.json counts, got 2": lambda d: without(d, b"eye_right"),
+    "expected 4800 samples": lambda d: shorten(d, lines=slice(2)),
+    "an object as counts": lambda d: edit(d, counts=[1]),
+}
+
+
 @pytest.mark.parametrize("words", BAD_SESSIONS)
 def test_bad_sessions(tmp_path: Path, words: str) -> None:
     eyes = [video(tmp_path / "l.mkv", 3)] * 2
@@ -135,6 +157,15 @@ def test_bad_sessions(tmp_path: Path, words: str) -> None:
     with pytest.raises(InputError, match=words) as error:
         info(tmp_path / "s")
     one_line(error)
+
+
+def test_a_card_that_counts_nothing_is_opened(tmp_path: Path) -> None:
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1))
+    card = json.loads((tmp_path / "s" / "session.json").read_text())
+    del card["counts"]
+    (tmp_path / "s" / "session.json").write_text(json.dumps(card))
+    shorten(tmp_path / "s", lines=slice(1))
+    assert info(tmp_path / "s")["frames"] == 1
 
 
 def test_bad_folders(tmp_path: Path) -> None:
