@@ -60,7 +60,7 @@ class Bench:
     def run(self) -> None:
         from app.terminal.thresholds import finish
 
-        outputs.check("--report", self.report)
+        outputs.check("--report", self.report, outputs.REPORTS)
         confirm.overwriting([self.report])
         if not 0 < self.minutes <= MAX_MINUTES:
             raise InputError(

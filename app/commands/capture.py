@@ -122,7 +122,7 @@ class Capture:
     def _check_outputs(self, picture: Path | None) -> None:
         outputs.check("--picture", picture, outputs.PLOTS)
         outputs.check("--video", self.video, outputs.VIDEOS)
-        outputs.check("--report", self.report)
+        outputs.check("--report", self.report, outputs.REPORTS)
         confirm.overwriting([picture, self.video, self.report])
 
     def _build(self, folder: Path) -> None:

@@ -16,7 +16,7 @@ from app.eval.speech.settings import SpeechSettings
 from app.terminal import confirm, outputs
 from app.terminal.arguments import Seed
 
-WRITTEN = {"report": (), "picture": outputs.PICTURES, "plot": outputs.PLOTS}
+WRITTEN = {"report": outputs.REPORTS, "picture": outputs.PICTURES, "plot": outputs.PLOTS}
 
 
 @dataclass(kw_only=True)

@@ -114,8 +114,18 @@ class DriveOptions:
     ) -> DriveSettings:
         """These options as settings; raises InputError if they cannot be used."""
         check_host(self.host, self.web)
+        outputs.check_distinct(
+            {
+                "--video": self.video,
+                "--motion": self.motion,
+                "--arkit": self.arkit,
+                "--report": self.report,
+            },
+            {"--pictures": self.pictures, "--ply": self.ply, "--gltf": self.gltf},
+        )
+        outputs.check("--motion", self.motion, (".npz",))
         outputs.check("--arkit", self.arkit, (".csv",))
-        outputs.check("--report", self.report)
+        outputs.check("--report", self.report, outputs.REPORTS)
         confirm.overwriting(
             [self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf, self.report]
         )

@@ -20,7 +20,7 @@ class ArkitSink:
     """A CSV like Live Link Face's: timecode, count, 52 blendshapes, head and eye angles (rad)."""
 
     def __init__(self, path: Path, decoder: Decoder) -> None:
-        outputs.check("--arkit", path)
+        outputs.check("--arkit", path, (".csv",))
         self._path, self._decoder = path, decoder
 
     def on_start(self, info: RunInfo) -> None:

@@ -13,16 +13,13 @@ from app.terminal import outputs
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from sensors import files
-from sensors.types import InputError
 
 
 class MotionSink:
     """Collects codes (about 1.2 kB a frame); vertices are decoded when it closes."""
 
     def __init__(self, path: Path, decoder: Decoder, identity: Identity) -> None:
-        if path.suffix != ".npz":
-            raise InputError(f"--motion: expected a name ending in .npz, got {path.name!r}")
-        outputs.check("--motion", path)
+        outputs.check("--motion", path, (".npz",))
         self._path, self._decoder, self._identity = path, decoder, identity
         self._frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
         self._heads: list[tuple[float, ...]] = []

@@ -1,5 +1,6 @@
 """Names of files that a command will write, judged before the work that fills them."""
 
+from collections.abc import Mapping
 from pathlib import Path
 
 from sensors import files
@@ -8,6 +9,7 @@ from sensors.types import InputError
 PICTURES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".mp4", ".mkv", ".mov")
 PLOTS = (*PICTURES, ".pdf", ".svg")
+REPORTS = (".json",)
 
 
 def check(option: str, path: Path | None, endings: tuple[str, ...] = ()) -> None:
@@ -25,3 +27,18 @@ def check(option: str, path: Path | None, endings: tuple[str, ...] = ()) -> None
             f"{option}: expected a folder {path.parent}, got none; run: mkdir -p {path.parent}"
         )
     files.check_regular(path)
+
+
+def check_distinct(paths: Mapping[str, Path | None], folders: Mapping[str, Path | None]) -> None:
+    """Raises InputError where two options name one place, which would hold the last alone; folders
+    may be shared among themselves, as their files have different endings."""
+    options: dict[Path, str] = {}
+    for option, path in (*paths.items(), *folders.items()):
+        if path is None:
+            continue
+        other = options.setdefault(path.resolve(), option)
+        if other != option and not {option, other} <= set(folders):
+            raise InputError(
+                f"{option}: expected another name than that of {other}, got {path} for both; "
+                "choose another for one of them"
+            )

@@ -11,6 +11,7 @@ from shlex import quote
 
 from tyro.conf import Positional
 
+from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Listening
 from sensors import files
 from sensors.listening import cannot_listen
@@ -166,6 +167,8 @@ class Test:
         from app.compose.call import session_material, trial_report
         from app.terminal.thresholds import finish
 
+        outputs.check("--report", self.report, outputs.REPORTS)
+        confirm.overwriting([self.report])
         if not set(self.lines) <= {0, 1, 2, 3} or not self.lines:
             raise InputError(f"--lines: expected numbers in 0..3, got {self.lines}")
         if not 2 <= self.seconds <= 3600:

@@ -17,6 +17,7 @@ from app.commands.meet.server import Server
 from app.commands.replay import Replay
 from app.commands.session import CreateSession
 from app.main import main
+from app.terminal import outputs
 from sensors.session.recording import RecordingWriter
 from sensors.types import AudioPacket
 
@@ -44,6 +45,12 @@ def told(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ("replay recordings/smoke --arkit {}/a.npz", ".csv, got 'a.npz'"),
         ("replay recordings/smoke --report {}/none/a.json", "mkdir -p"),
         ("bench --report {}/none/a.json", "mkdir -p"),
+        ("replay recordings/smoke --motion {}/a.txt", ".npz, got 'a.txt'; try a.npz"),
+        ("replay recordings/smoke --report {}/a.txt", ".json, got 'a.txt'; try a.json"),
+        ("bench --report {}/a.txt", ".json, got 'a.txt'"),
+        ("eval head --report {}/a.txt", ".json, got 'a.txt'"),
+        ("call test --report {}/a.txt", ".json, got 'a.txt'"),
+        ("capture statistics {} --report {}/a.txt", ".json, got 'a.txt'"),
         ("eval head --plot {}/a.xyz", "got 'a.xyz'"),
         ("eval ab {0} {0} --out {0}/a.txt", ".html, got 'a.txt'"),
         ("capture inspect {} --picture {}/a.xyz", "got 'a.xyz'"),
@@ -59,6 +66,28 @@ def test_a_wrong_name_is_refused_before_the_work(
         (tmp_path / name).write_text("mine")
     assert expected in told(words.replace("{}", str(tmp_path)).format(tmp_path).split(), capsys)
     assert {path.read_text() for path in tmp_path.iterdir()} == {"mine"}
+
+
+@pytest.mark.parametrize(
+    ("words", "one", "other"),
+    [
+        ("--motion {}/a.npz --report {}/a.npz", "--report", "--motion"),
+        ("--video {}/a.mp4 --pictures {}/link/a.mp4", "--pictures", "--video"),
+    ],
+)
+def test_two_outputs_have_two_names(
+    words: str, one: str, other: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: the first was lost, and both were told as written."""
+    (tmp_path / "link").symlink_to(tmp_path)
+    (tmp_path / "a.npz").write_text("mine")
+    said = told(f"replay {SMOKE} {words}".replace("{}", str(tmp_path)).split(), capsys)
+    assert f"{one}: expected another name than that of {other}, got" in said
+    assert (tmp_path / "a.npz").read_text() == "mine"
+
+
+def test_folders_of_different_files_may_be_one(tmp_path: Path) -> None:
+    outputs.check_distinct({}, {"--pictures": tmp_path, "--ply": tmp_path})
 
 
 @pytest.mark.parametrize(
