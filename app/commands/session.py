@@ -48,7 +48,9 @@ class CreateSession:
         from sensors.types import InputError
 
         if self.audio is None and self.livelink is None:
-            raise InputError("session create: expected --audio or --livelink, got neither")
+            raise InputError(
+                "session create: expected --audio or --livelink, got neither; try --audio x.wav"
+            )
         created = datetime.now(UTC).isoformat(timespec="seconds")
         take = session_motion.read_take(self.livelink, self.audio) if self.livelink else None
         with tempfile.TemporaryDirectory() as spare:
@@ -102,11 +104,13 @@ class ExportSession:
 
     def run(self) -> None:
         from app.terminal import confirm
-        from sensors.session import files as session
+        from sensors.session.export import export
 
         confirm.overwriting([self.out])
         with seconds_bar("exporting") as update:
-            made = session.export(self.folder, self.out, drop=self.drop, progress=update)
+            made = export(self.folder, self.out, drop=self.drop, progress=update)
+        for warning in made.pop("warnings"):
+            print(f"warning: {warning}")
         print(json.dumps(made, indent=2))
 
 

@@ -29,8 +29,8 @@ def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
     parts = build(settings, source=source, driver=driver, clock=clock, sinks=sinks)
     summary = drive(parts)
-    if source.dropped:
-        tell(f"{session}: {source.dropped} eye pictures are missing; restore the eye videos")
+    if source.missing:
+        tell(source.missing)
     return report(settings, parts, summary)
 
 

@@ -1,29 +1,25 @@
-"""Sessions as a user meets them: `livedrive session create | info | export`.
+"""Sessions as a user meets them: `livedrive session create | info`; and all frames of one.
 
-Flow: sound and eye videos -> create -> folder -> Recording; Recording -> export -> one MKV.
+Flow: sound and eye videos -> create -> folder -> Recording -> replay_frames.
 """
 
 import heapq
 from collections.abc import Callable, Iterator, Sequence
-from fractions import Fraction
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors import files
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
-from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE, check_apart
+from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import ReplaySource
 from sensors.session.streams import EyeStream
 from sensors.types import (
     EYE_NAMES,
-    EYE_SIZE,
-    FPS,
     NS,
     SAMPLE_RATE,
     SAMPLES_PER_FRAME,
@@ -36,7 +32,7 @@ from sensors.types import (
 EARLY_END_NS = NS // 2  # an eye video may end this much before the sound without a warning
 
 
-def _quiet(seconds: float) -> None:
+def quiet(seconds: float) -> None:
     pass
 
 
@@ -48,7 +44,7 @@ def create(
     created: str = "",
     eye_codec: str = "ffv1",
     audio_format: str = "float32",
-    progress: Callable[[float], object] = _quiet,
+    progress: Callable[[float], object] = quiet,
 ) -> dict[str, Any]:
     """Make a session of files; return its `info` with `warnings`. Leaves nothing on bad input.
 
@@ -111,53 +107,15 @@ def info(folder: str | Path) -> dict[str, Any]:
         }
 
 
-def export(
-    folder: str | Path,
-    out: str | Path,
-    *,
-    drop: Literal["audio", "eyes"] | None = None,
-    progress: Callable[[float], object] = _quiet,
-) -> dict[str, Any]:
-    """Write an MKV for any player: both eyes side by side (left first) with the sound.
-
-    It shows the assembled 30 FPS frames, so what is seen is what the driver gets. `drop` leaves the
-    voice or the eyes out, before the file is given to others.
-    """
-    import av
-
-    out = Path(out)
-    if out.suffix.lower() != ".mkv":
-        raise InputError(f"{out}: expected a name that ends in .mkv, got {out.suffix or 'none'!r}")
-    check_apart(Path(folder), out)
-    with Recording(folder) as recording, files.replacing(out, private=True) as draft:
-        shown = bool(recording.eyes) and drop != "eyes"
-        if not shown and drop == "audio":
-            raise InputError(f"{folder}: expected something to export, got a session without eyes")
-        container: Any = av.open(str(draft), "w", format="matroska")
-        picture: Any = None
-        sound: Any = None
-        if shown:
-            picture = container.add_stream("libx264", rate=FPS, options={"crf": "18"})
-            picture.width, picture.height, picture.pix_fmt = 2 * EYE_SIZE, EYE_SIZE, "yuv420p"
-        if drop != "audio":
-            sound = container.add_stream("pcm_s16le", rate=SAMPLE_RATE)
-            sound.layout = "mono"
-        count = 0
-        for frame in replay_frames(recording):
-            _export_frame(container, picture, sound, frame)
-            count += 1
-            progress(1 / FPS)
-        for stream in filter(None, (picture, sound)):
-            container.mux(stream.encode(None))
-        container.close()
-    return {"file": str(out), "frames": count, "seconds": count / FPS, "bytes": out.stat().st_size}
-
-
 def replay_frames(
     recording: Recording, assembler: Assembler | None = None
 ) -> Iterator[SensorFrame]:
     """All frames of a recording, as fast as they are taken."""
-    source, assembler = ReplaySource(recording, ManualClock()), assembler or Assembler()
+    return frames_of(ReplaySource(recording, ManualClock()), assembler)
+
+
+def frames_of(source: ReplaySource, assembler: Assembler | None = None) -> Iterator[SensorFrame]:
+    assembler = assembler or Assembler()
     source.open()
     while not source.exhausted:
         for packet in source.poll():
@@ -227,22 +185,3 @@ def _eye_info(stream: EyeStream) -> dict[str, Any]:
         "last_s": round(int(times[-1]) / NS, 6),
         "codec": stream.codec,
     }
-
-
-def _export_frame(container: Any, picture: Any, sound: Any, frame: SensorFrame) -> None:
-    import av
-
-    if picture is not None:
-        both = np.zeros((EYE_SIZE, 2 * EYE_SIZE), np.uint8)
-        if frame.eyes is not None:
-            both = np.concatenate([frame.eyes[0], frame.eyes[1]], 1)
-        image = av.VideoFrame.from_ndarray(both, format="gray")
-        image.pts, image.time_base = frame.index, Fraction(1, FPS)
-        container.mux(picture.encode(image))
-    if sound is None:
-        return
-    values = np.clip(np.rint(frame.audio * 32768), -32768, 32767).astype(np.int16)
-    chunk = av.AudioFrame.from_ndarray(values[None], format="s16", layout="mono")
-    chunk.sample_rate, chunk.time_base = SAMPLE_RATE, Fraction(1, SAMPLE_RATE)
-    chunk.pts = frame.index * SAMPLES_PER_FRAME
-    container.mux(sound.encode(chunk))

@@ -43,6 +43,14 @@ class ReplaySource:
         """Pictures that the timeline names and the video no longer holds."""
         return self._dropped
 
+    @property
+    def missing(self) -> str:
+        """One line for the user about them; empty where there are none."""
+        if not self._dropped:
+            return ""
+        folder = self._recording.folder
+        return f"{folder}: {self._dropped} eye pictures are missing; restore the eye videos"
+
     def open(self) -> None:
         """Start from the beginning; with `realtime`, now is the time of the first packet."""
         self._is_open = True

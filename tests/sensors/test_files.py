@@ -11,6 +11,7 @@ import pytest
 from sensors import files
 from sensors.cameras.geometry import EyeGeometry
 from sensors.session import files as session
+from sensors.session.export import export
 from sensors.session.format import EmotionEntry, entry_line
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.types import AudioPacket, EmotionPacket, InputError
@@ -95,7 +96,7 @@ def test_an_export_and_a_profile_are_written_through_no_link(tmp_path: Path, min
     for name in ("out.mkv", "profile.json"):
         (folder / name).symlink_to(mine)
     with pytest.raises(InputError, match="got a link"):
-        session.export(folder, folder / "out.mkv")
+        export(folder, folder / "out.mkv")
     with pytest.raises(InputError, match="got a link"):
         EyeGeometry(name="x").save(folder / "profile.json")
     assert mine.read_bytes() == MINE

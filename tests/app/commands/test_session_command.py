@@ -10,6 +10,9 @@ import pytest
 import soundfile
 
 from app.commands.session import CreateSession, ExportSession
+from sensors.types import InputError
+
+SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
 
 
 class Terminal(io.StringIO):
@@ -33,3 +36,18 @@ def test_making_and_exporting_tell_how_far_they_are_and_what_comes_next(
     (line,) = [line for line in told.splitlines() if line.startswith("next: ")]
     assert shlex.split(line)[1:4] == ["livedrive", "replay", str(folder)]
     shutil.rmtree(folder)
+
+
+def test_an_export_says_which_pictures_are_missing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shutil.copytree(SMOKE, tmp_path / "s")
+    eye = tmp_path / "s" / "eye_left.mkv"
+    eye.write_bytes(eye.read_bytes()[:60_000])
+    ExportSession(folder=tmp_path / "s", out=tmp_path / "out.mkv").run()
+    assert "eye pictures are missing; restore the eye videos" in capsys.readouterr().out
+
+
+def test_a_session_of_nothing_is_told_what_to_type(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="try --audio x.wav"):
+        CreateSession(folder=tmp_path / "s").run()

@@ -21,7 +21,7 @@ from render.avatars.gltf import EXTENSION, SH_0
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.types import AHEAD, Gaussians
-from sensors.session import files as session
+from sensors.session.export import export
 from sensors.types import FPS, NS, InputError, SensorFrame
 
 SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
@@ -158,7 +158,7 @@ def test_the_live_link_table_has_the_names_of_a_live_link_reader(tmp_path: Path)
 
 @pytest.mark.slow
 def test_a_session_becomes_one_video_that_pyav_plays(tmp_path: Path) -> None:
-    session.export(SMOKE, tmp_path / "smoke.mkv")
+    export(SMOKE, tmp_path / "smoke.mkv")
     with av.open(str(tmp_path / "smoke.mkv")) as file:
         assert [s.type for s in file.streams] == ["video", "audio"]
         pictures = sum(1 for _ in file.decode(video=0))

@@ -11,7 +11,7 @@ from material import packets, same_packet
 
 from sensors.live.recorder import LiveRecorder
 from sensors.session import wav
-from sensors.session.files import export
+from sensors.session.export import export
 from sensors.session.recording import Recording
 from sensors.types import EmotionPacket, InputError, Packet
 

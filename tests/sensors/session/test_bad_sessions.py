@@ -9,7 +9,8 @@ import pytest
 import soundfile
 from material import tone, video, wav
 
-from sensors.session.files import create, export, info
+from sensors.session.export import export
+from sensors.session.files import create, info
 from sensors.session.recording import Recording
 from sensors.types import SAMPLE_RATE, InputError
 
@@ -175,6 +176,6 @@ def test_bad_folders(tmp_path: Path) -> None:
         one_line(error)
     create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1))
     for out in (tmp_path / "x.mp4", tmp_path / "none" / "x.mkv"):
-        with pytest.raises(InputError) as error:
+        with pytest.raises(InputError, match=r"try x.mkv|create it first") as error:
             export(tmp_path / "s", out)
         one_line(error)

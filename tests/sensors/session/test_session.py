@@ -1,6 +1,7 @@
 """session create | info | export."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +9,8 @@ import pytest
 import soundfile
 from material import frames, tone, video, wav
 
-from sensors.session.files import create, export, info
+from sensors.session.export import export
+from sensors.session.files import create, info
 from sensors.session.recording import Recording
 from sensors.types import NS, SAMPLE_RATE, InputError
 
@@ -166,6 +168,18 @@ def test_an_export_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
         export(tmp_path / "s", tmp_path / "out.mkv", progress=broken)
     assert (tmp_path / "out.mkv").read_text() == "mine"
     assert {path.name for path in tmp_path.iterdir()} == {"s", "a.wav", "out.mkv"}
+
+
+def test_an_export_tells_what_is_missing(tmp_path: Path) -> None:
+    """Red before: held pictures, and not a word."""
+    eyes = [video(tmp_path / "l.mkv", 15), video(tmp_path / "r.mkv", 15)]
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.5), eyes)
+    assert export(tmp_path / "s", tmp_path / "out.mkv")["warnings"] == []
+    eye = tmp_path / "s" / "eye_left.mkv"
+    eye.write_bytes(eye.read_bytes()[: eye.stat().st_size // 2])
+    [warning] = export(tmp_path / "s", tmp_path / "out.mkv")["warnings"]
+    assert re.search(r"[5-9] eye pictures are missing; restore the eye videos", warning)
+    assert export(tmp_path / "s", tmp_path / "out.mkv", drop="eyes")["warnings"] == []
 
 
 def test_info_is_plain_values(tmp_path: Path) -> None:
