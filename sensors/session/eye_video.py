@@ -6,8 +6,10 @@ container still holds. One a second is marked as a key frame: FFmpeg keeps the i
 memory. Matroska times are milliseconds and only for players: the timeline is truth.
 """
 
+from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
 from fractions import Fraction
 from pathlib import Path
 from threading import Event
@@ -26,6 +28,7 @@ MILLISECOND = Fraction(1, 1000)
 CONTAINER_OPTIONS = {"cluster_time_limit": "1", "flush_packets": "1"}  # a picture a cluster
 FFV1_OPTIONS = {"level": "3", "slices": "4", "slicecrc": "1"}
 X264_OPTIONS = {"crf": "20", "preset": "medium", "bf": "0"}  # no B-frames: pictures stay in order
+MAX_GROUP = 250  # pictures from one key frame of x264 to the next
 FULL_RANGE = 2  # AVCOL_RANGE_JPEG: x264 has no gray here, its limited range would cost 36 levels
 
 
@@ -196,20 +199,34 @@ def open_video(path: Path) -> Any:
 
 
 def count_pictures(path: Path) -> int:
-    """Whole pictures in a video that may have been cut off; reads it, decodes only the last."""
+    """Whole pictures in a video that may have been cut off; reads it, decodes only the last and,
+    of x264, those since a key frame that it builds on."""
     import av
     from av import error as av_error
 
-    count, last = 0, None
+    count, group = 0, deque[Any](maxlen=MAX_GROUP)
     try:
         with av.open(str(path), metadata_errors="replace") as container:
             for packet in container.demux(video=0):
                 if packet.size and not packet.is_corrupt:
-                    count, last = count + 1, packet
-            if last is not None and not last.decode():
+                    count += 1
+                    if packet.is_keyframe or packet.stream.codec_context.name == "ffv1":
+                        group.clear()
+                    group.append(packet)
+            if group and not _last_decodes(container.streams.video[0].codec_context, group):
                 count -= 1
     except av_error.InvalidDataError:
         return max(count - 1, 0)
     except (av_error.FFmpegError, IndexError):
         return count
     return count
+
+
+def _last_decodes(codec: Any, packets: Sequence[Any]) -> bool:
+    from av import error as av_error
+
+    for packet in (*packets, None):  # None: what the decoder holds back
+        with suppress(av_error.InvalidDataError):
+            if any(frame.pts == packets[-1].pts for frame in codec.decode(packet)):
+                return True
+    return False

@@ -151,10 +151,10 @@ def test_kill_9_loses_at_most_100_ms(tmp_path: Path, written_s: float) -> None:
     Recording(folder).close()  # a second open finds nothing to do
 
 
-def interrupted(tmp_path: Path) -> Path:
+def interrupted(tmp_path: Path, eye_codec: str = "ffv1") -> Path:
     """A recording whose process is gone, as its files stand before any repair."""
     folder = tmp_path / "s"
-    with RecordingWriter(folder, created="") as writer:
+    with RecordingWriter(folder, created="", eye_codec=eye_codec) as writer:
         for packet in packets(0.3):
             writer.append(packet)
     card = json.loads((folder / "session.json").read_text())
@@ -190,6 +190,34 @@ def test_repair_keeps_only_whole_pictures(tmp_path: Path, cut: int) -> None:
     for k, packet in enumerate(got):
         assert packet is not None
         assert np.array_equal(packet.image, image(2 * k))
+
+
+@pytest.mark.parametrize("eye_codec", ["ffv1", "x264"])
+def test_repair_keeps_the_last_whole_picture(tmp_path: Path, eye_codec: str) -> None:
+    """Red before: one of x264, which shows nothing without those before it, was dropped."""
+    folder = interrupted(tmp_path, eye_codec)
+    with Recording(folder) as recording:
+        assert recording.card["packets_lost_in_repair"] == 0
+        assert recording.card["counts"] == {"audio": 14400, "eye_left": 9, "eye_right": 18}
+        assert all(recording.packet(entry) is not None for entry in recording.entries)
+
+
+@pytest.mark.parametrize("eye_codec", ["ffv1", "x264"])
+def test_repair_drops_a_last_picture_that_is_damaged(tmp_path: Path, eye_codec: str) -> None:
+    import av
+
+    folder = interrupted(tmp_path, eye_codec)
+    with av.open(str(folder / "eye_left.mkv")) as container:
+        last = [packet for packet in container.demux(video=0) if packet.size][-1]
+        assert last.pos is not None
+    data = (folder / "eye_left.mkv").read_bytes()
+    place = data.index(bytes(last), last.pos)
+    (folder / "eye_left.mkv").write_bytes(
+        data[:place] + bytes(last.size) + data[place + last.size :]
+    )
+    with Recording(folder) as recording:
+        assert recording.card["counts"]["eye_left"] == 8
+        assert all(recording.packet(entry) is not None for entry in recording.entries)
 
 
 def test_a_session_in_use_is_left_alone(tmp_path: Path) -> None:
