@@ -11,19 +11,19 @@ from app.compose.settings import DriveSettings
 from app.drive.calibration import of_session
 from app.drive.loop import drive
 from app.drive.sink import Sink
-from sensors.types import SAMPLES_PER_FRAME, InputError
 
 if TYPE_CHECKING:
     from sensors.session.playback import Playback
-    from sensors.session.recording import Recording
 
 
 def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -> dict[str, Any]:
     """Drive the session with the calibration it was recorded with, and return the report."""
     from sensors.clock import MonotonicClock
+    from sensors.session.recording import Recording
     from sensors.session.replay import ReplaySource
 
-    recording, clock = _opened(session), MonotonicClock()
+    recording, clock = Recording(session), MonotonicClock()
+    recording.check_frames()
     driver = load_driver(settings, bool(recording.eyes), of_session(recording))
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
@@ -41,8 +41,10 @@ def play(
     until `controlled`, which gets the playback at the start, or Ctrl-C stops it."""
     from sensors.clock import MonotonicClock
     from sensors.session.playback import Playback
+    from sensors.session.recording import Recording
 
-    recording, clock = _opened(session), MonotonicClock()
+    recording, clock = Recording(session), MonotonicClock()
+    recording.check_frames()
     page = open_page(settings, clock)
     assert page is not None
     link = page.link
@@ -58,19 +60,3 @@ def play(
     tell("the session begins when somebody opens the page, and begins anew at its end")
     controlled(source)
     return report(settings, parts, drive(parts))
-
-
-def _opened(session: Path) -> "Recording":
-    """A session with at least one frame: no older file is emptied for nothing."""
-    from sensors.session.recording import Recording
-
-    recording = Recording(session)
-    if not recording.num_frames:
-        samples = sum(entry.num_samples for entry in recording.audio.entries)
-        recording.close()
-        raise InputError(
-            f"{session}: expected at least one frame of sound ({SAMPLES_PER_FRAME} samples), got "
-            f"{samples}; record a longer one, or make one with: livedrive session create DIR "
-            "--audio x.wav"
-        )
-    return recording

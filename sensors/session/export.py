@@ -37,10 +37,11 @@ def export(
     if out.suffix.lower() != ".mkv":
         raise InputError(
             f"{out}: expected a name that ends in .mkv, got {out.suffix or 'none'!r}; "
-            f"try {out.with_suffix('.mkv').name}"
+            f"try {out.stem or 'out'}.mkv"
         )
     check_apart(Path(folder), out)
     with Recording(folder) as recording, files.replacing(out, private=True) as draft:
+        recording.check_frames()
         shown = bool(recording.eyes) and drop != "eyes"
         if not shown and drop == "audio":
             raise InputError(f"{folder}: expected something to export, got a session without eyes")

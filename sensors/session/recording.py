@@ -67,6 +67,17 @@ class Recording:
             expected = entry.first_sample + entry.num_samples
         return samples // SAMPLES_PER_FRAME
 
+    def check_frames(self) -> None:
+        """Raises InputError unless there is a frame: no older file is emptied for nothing."""
+        if not self.num_frames:
+            samples = sum(entry.num_samples for entry in self.audio.entries)
+            self.close()
+            raise InputError(
+                f"{self.folder}: expected at least one frame of sound ({SAMPLES_PER_FRAME} "
+                f"samples), got {samples}; record a longer one, or make one with: "
+                "livedrive session create DIR --audio x.wav"
+            )
+
     @property
     def info(self) -> SourceInfo:
         devices = {str(k): str(v) for k, v in dict(self.card.get("devices", {})).items()}

@@ -170,6 +170,14 @@ def test_an_export_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
     assert {path.name for path in tmp_path.iterdir()} == {"s", "a.wav", "out.mkv"}
 
 
+def test_an_export_of_no_frames_leaves_what_was_there(tmp_path: Path) -> None:
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.01))
+    (tmp_path / "out.mkv").write_text("mine")
+    with pytest.raises(InputError, match=r"one frame of sound \(1600 samples\), got 480"):
+        export(tmp_path / "s", tmp_path / "out.mkv")
+    assert (tmp_path / "out.mkv").read_text() == "mine"
+
+
 def test_an_export_tells_what_is_missing(tmp_path: Path) -> None:
     """Red before: held pictures, and not a word."""
     eyes = [video(tmp_path / "l.mkv", 15), video(tmp_path / "r.mkv", 15)]
