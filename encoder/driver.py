@@ -129,7 +129,7 @@ class Driver:
     def check_emotion(self, words: str) -> None:
         """Raise InputError where `words` cannot be shown."""
         if self.emotions is not None:
-            self.emotions.mixture(words)
+            self.emotions.check(words)
         elif words not in ("", NEUTRAL):
             raise InputError(
                 f"emotion: expected weights made for this {self.config.condition} model, got none "

@@ -101,6 +101,10 @@ class DriveSettings:
             raise InputError(
                 f"--listen: expected a port in 0..65535, got {self.listen}; try --listen 9002"
             )
+        if self.emotion is not None and not self.emotion.strip():
+            raise InputError(
+                f"--emotion: expected an emotion, got {self.emotion!r}; try --emotion neutral"
+            )
         transparent = background.fill(self.background) == background.FILLS["transparent"]
         if transparent and (self.files.video or self.virtual_camera):
             raise InputError(

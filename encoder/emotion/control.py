@@ -55,6 +55,16 @@ class Emotions:
             )
         return result
 
+    def check(self, words: str) -> None:
+        """Raise InputError at words of a user that are no mixture, or name an emotion twice; a
+        session may hold such, from before they were refused."""
+        self.mixture(words)
+        names = [part.partition(":")[0].strip() for part in words.split("+")]
+        if len(set(names)) < len(names):
+            raise InputError(
+                f"emotion: expected each emotion once, got {words!r}; try {names[0] or NEUTRAL}"
+            )
+
     def _index(self, name: str) -> int:
         if name not in self.labels:
             near = get_close_matches(name, self.labels, 1)

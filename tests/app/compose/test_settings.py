@@ -12,6 +12,8 @@ from sensors.types import InputError
         (DriveSettings, {"seed": -1}, "--seed"),
         (DriveSettings, {"seed": 1 << 80}, "--seed"),
         (DriveSettings, {"listen": 70_000}, "--listen"),
+        (DriveSettings, {"emotion": ""}, "got ''; try --emotion neutral"),
+        (DriveSettings, {"emotion": " "}, "--emotion"),
         (FileSettings, {"every": 0}, "--every"),
         (LiveSettings, {"seconds": float("nan")}, "--seconds"),
         (LiveSettings, {"seconds": float("inf")}, "--seconds"),

@@ -150,6 +150,17 @@ def test_words() -> None:
             felt.mixture(words)
 
 
+def test_an_emotion_is_named_once() -> None:
+    """Red before: `happy+happy` was as happy as `happy`. A session that holds it is replayed."""
+    felt = emotions()
+    for words in ("happy+happy", "sad:0.2 + sad"):
+        with pytest.raises(InputError, match="each emotion once"):
+            felt.check(words)
+    for words in ("", "neutral", "happy+sad"):
+        felt.check(words)
+    assert felt.step("happy+happy", Mood())[0] is not None
+
+
 def test_weights_of_another_student_are_left_alone(tmp_path: Path) -> None:
     zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=(8, 8, 256)))
     torch.nn.init.normal_(zero.scales[0].bias)  # type: ignore[arg-type]
