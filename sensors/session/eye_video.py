@@ -188,6 +188,9 @@ def open_video(path: Path) -> Any:
         container.close()
         raise InputError(f"{path}: expected a video, got no picture stream; check the file")
     width, height = streams[0].codec_context.width, streams[0].codec_context.height
+    if not width or not height:  # FFmpeg believes the name of a picture, whatever is in the file
+        container.close()
+        raise InputError(f"{path}: expected a video, got no picture in it; check the file")
     if max(width, height) > MAX_SIDE:
         container.close()
         raise InputError(

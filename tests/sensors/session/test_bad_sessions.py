@@ -72,6 +72,7 @@ BAD_EYES = {
     "no picture stream": lambda d: wav(d / "x.wav"),
     "at least 32 x 32": lambda d: video(d / "x.mkv", 3, width=16, height=16),
     "got something else": lambda d: cut(video(d / "x.mkv", 3), 0.27),
+    "got no picture in it": lambda d: text(d / "x.jpg"),
     "got a text file": lambda d: text(d / "x.txt"),
 }
 
