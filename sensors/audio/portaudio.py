@@ -74,12 +74,16 @@ def microphones() -> list[MicrophoneInfo]:
 def find_name(name: str) -> str:
     """The name of the one microphone that `name` is, or is a part of; InputError otherwise."""
     names = [m.name for m in microphones()]
+    if not names:
+        raise InputError(
+            f"--mic {name}: expected a microphone, got none here; plug one in, or go on without: "
+            "--mic none"
+        )
     matches = [n for n in names if name.lower() in n.lower()]
     if name not in names and len(matches) != 1:
         got = "several: " + ", ".join(matches) if matches else f"no {name!r}"
         raise InputError(
-            f"--mic: expected one of {', '.join(names) or 'none here'}, got {got}; "
-            "see: livedrive devices"
+            f"--mic: expected one of {', '.join(names)}, got {got}; see: livedrive devices"
         )
     return name if name in names else matches[0]
 

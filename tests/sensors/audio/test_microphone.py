@@ -193,3 +193,10 @@ def test_closing_never_hangs_even_when_the_server_does(server: PulseServer) -> N
         assert time.monotonic() - started < 20
     finally:
         server.go_on()
+
+
+def test_no_microphone_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: "expected one of none here, got no 'nosuch'"."""
+    monkeypatch.setattr(portaudio, "microphones", list)
+    with pytest.raises(InputError, match="--mic nosuch: expected a microphone, got none here"):
+        portaudio.find_name("nosuch")
