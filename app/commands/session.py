@@ -36,7 +36,7 @@ class CreateSession:
     """Live Link Face CSV that starts with the sound; stored beside it as motion.npz."""
     eyes: tuple[Path, ...] = ()
     """Videos of the left and the right eye, or one with both side by side."""
-    codec: str = "ffv1"
+    codec: Literal["ffv1", "x264"] = "ffv1"
     """Codec of the eye videos: ffv1 (lossless) or x264 (small)."""
 
     def run(self) -> None:

@@ -48,7 +48,9 @@ def parse(text: str, eyes: tuple[int, ...] = (0, 1)) -> CameraSpec:
     source, _, options = text.partition("#")
     scheme, colon, target = source.partition(":")
     if not colon or not target or scheme not in SCHEMES:
-        raise InputError(f"--eyes: expected a camera like {EXAMPLES}; got {text!r}")
+        raise InputError(
+            f"--eyes: expected a camera like {EXAMPLES}, got {text!r}; see: livedrive devices"
+        )
     views = Views(eyes=eyes)
     if options.startswith("profile="):
         name = options.removeprefix("profile=")
@@ -77,6 +79,7 @@ def _with_option(views: Views, option: str) -> Views:
     raise InputError(
         f"--eyes: expected after the # eye=left, eye=right, swap (of one camera for both), mirror, "
         f"turn=90, crop=X:Y:WIDTH:HEIGHT (at least 32 x 32), or profile=NAME alone, got {option!r}"
+        "; try #eye=left"
     )
 
 

@@ -28,7 +28,10 @@ def head_source(spec: str, clock: Clock, tell: Tell) -> HeadSource:
     """Build, and do not open, the tracker of a SPEC. `tell` gets one line where poses are bad."""
     scheme, colon, rest = spec.partition(":")
     if scheme not in SCHEMES or not colon or not rest:
-        raise InputError(f"--head: expected still, synth, auto or one of {EXAMPLES}; got {spec!r}")
+        raise InputError(
+            f"--head: expected still, synth, auto or one of {EXAMPLES}, got {spec!r}; "
+            "try --head auto"
+        )
     return HeadSource(spec, SCHEMES[scheme].open(spec, clock, tell), clock)
 
 
