@@ -69,7 +69,8 @@ class CreateSession:
         if take is not None:
             session_motion.write_motion(self.folder, take, int(made["frames"]))
         for warning in made.pop("warnings"):
-            print(f"warning: {warning}")
+            if self.audio or not warning.startswith(f"{audio}: "):  # of silence that we made
+                print(f"warning: {warning}")
         if not made["frames"]:
             print(f"warning: {audio}: shorter than one frame (1/30 s); nothing to replay")
         print(json.dumps(made, indent=2))

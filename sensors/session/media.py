@@ -22,6 +22,8 @@ from sensors.types import EYE_SIZE, FPS, NS, SAMPLE_RATE, InputError
 CLIPPED_LEVEL = 0.9999
 CLIPPED_SHARE = 1e-4  # of all samples; a file normalised to full scale stays below
 MIN_CLEAN_RATE = 16_000
+SILENT_RMS = 1e-5  # less than half a step of 16 bits
+CANCELLED_SHARE = 0.05  # of the channels' power that their mean keeps; unlike ones keep half
 MIN_PICTURE = 32
 SIDE_BY_SIDE = 1.4  # times as wide as high, at least
 TIME_ROUNDING_NS = 1_500_000  # Matroska keeps milliseconds
@@ -36,7 +38,7 @@ def sound_blocks(path: Path, warnings: list[str]) -> Iterator[NDArray[np.float32
         if rate < MIN_CLEAN_RATE:
             warnings.append(f"{path}: {rate} Hz sound has nothing above {rate // 2} Hz")
         resampler = soxr.ResampleStream(rate, SAMPLE_RATE, 1, dtype="float32", quality="HQ")
-        read, clipped = 0, 0
+        read, clipped, power, mono_power = 0, 0, 0.0, 0.0
         while len(block := _read(path, file, rate)):
             if not np.isfinite(block).all():
                 bad = read + int(np.argmin(np.isfinite(block).all(1)))
@@ -47,6 +49,8 @@ def sound_blocks(path: Path, warnings: list[str]) -> Iterator[NDArray[np.float32
             read += len(block)
             clipped += int((np.abs(block) >= CLIPPED_LEVEL).any(1).sum())
             mono = block.mean(1, dtype=np.float32)
+            power += float(np.square(block).mean(1).sum())
+            mono_power += float(np.square(mono).sum())
             yield np.clip(mono if rate == SAMPLE_RATE else resampler.resample_chunk(mono), -1, 1)
         if expected - read > rate // 10:
             raise _truncated(path, f"{expected} samples", str(read))
@@ -57,6 +61,13 @@ def sound_blocks(path: Path, warnings: list[str]) -> Iterator[NDArray[np.float32
         warnings.append(
             f"{path}: {100 * clipped / read:.2f} % of the samples are clipped; "
             "record again with a lower level"
+        )
+    if power <= SILENT_RMS**2 * read:
+        warnings.append(f"{path}: the sound is silent; check the file, or record it again")
+    elif mono_power < CANCELLED_SHARE * power:
+        warnings.append(
+            f"{path}: its channels cancel each other, next to nothing is left of the sound; give "
+            "one of them alone"
         )
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 import av
 import numpy as np
 import pytest
+import soundfile
 
 from sensors.session import files as session
 from sensors.session.recording import Recording
@@ -80,3 +81,23 @@ def test_files_of_others_survive_a_failed_create(tmp_path: Path) -> None:
     with pytest.raises(InputError):
         session.create(tmp_path / "s", tmp_path / "a.wav")
     assert (tmp_path / "s" / "notes.txt").read_text() == "mine"
+
+
+@pytest.mark.parametrize(
+    ("left", "right", "words"),
+    [
+        (1.0, -1.0, ["its channels cancel each other", "give one of them"]),
+        (0.0, 0.0, ["the sound is silent"]),
+        (0.0, 1.0, []),
+        (1.0, 0.3, []),
+    ],
+)
+def test_sound_that_is_lost_is_told(
+    tmp_path: Path, left: float, right: float, words: list[str]
+) -> None:
+    """Red before: opposite channels became a session of silence without a word."""
+    tone = 0.3 * np.sin(np.arange(SAMPLE_RATE) / 20)
+    soundfile.write(tmp_path / "a.wav", np.stack([left * tone, right * tone], 1), SAMPLE_RATE)
+    warnings = session.create(tmp_path / "s", tmp_path / "a.wav")["warnings"]
+    assert len(warnings) == bool(words)
+    assert all(word in warnings[0] for word in words)
