@@ -2,8 +2,10 @@
 lens.
 """
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +18,7 @@ from sensors.types import InputError
 
 MOST = 5  # photographs
 SMALLEST_PX, LARGEST_PX = 256, 2048  # of a picture's shorter side; larger ones are reduced
-MAX_PIXELS = 200_000_000
+GREY_LEVELS = 3  # of 255 between the channels of a face without colour
 FACE_PX = 120  # width of a face that shows enough
 EXIF, LENS_35MM = 0x8769, 0xA405  # tags
 LENSES_MM = (8, 400)
@@ -61,7 +63,19 @@ def seen(
             f"{name}: expected a face at least {FACE_PX} pixels wide, got {width:.0f}; take it "
             "from nearer"
         )
+    if is_grey(picture, faces[0]):
+        raise InputError(
+            f"{name}: expected a photograph in colour, for the colours of the skin, got a "
+            "black-and-white one; leave it out, or take another"
+        )
     return Photo(name, picture, lens_mm, faces[0])
+
+
+def is_grey(picture: NDArray[np.uint8], points: Doubles) -> bool:
+    """Without colour around these points [478, 2]; pale and dark skin has some."""
+    (left, top), (right, bottom) = points.min(0).astype(int), points.max(0).astype(int)
+    face = picture[max(top, 0) : bottom + 1, max(left, 0) : right + 1]
+    return float(np.percentile(np.ptp(face, axis=2), 90)) < GREY_LEVELS
 
 
 def read(path: Path) -> tuple[NDArray[np.uint8], float | None]:
@@ -69,17 +83,26 @@ def read(path: Path) -> tuple[NDArray[np.uint8], float | None]:
     from PIL import Image, ImageOps, UnidentifiedImageError
 
     try:
-        with files.open_regular(path) as file, Image.open(file) as image:
-            if image.width * image.height > MAX_PIXELS:
-                raise ValueError(f"{image.width} x {image.height} pixels")
-            told = image.getexif().get_ifd(EXIF).get(LENS_35MM)
-            upright = ImageOps.exif_transpose(image).convert("RGB")
-    except FileNotFoundError:
+        with warnings.catch_warnings(), files.open_regular(path) as file:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of half the limit
+            with Image.open(file) as image:
+                told = image.getexif().get_ifd(EXIF).get(LENS_35MM)
+                upright = _rgb(ImageOps.exif_transpose(image))
+    except (FileNotFoundError, InputError):
         raise
+    except Image.DecompressionBombError:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise InputError(
+            f"{path}: expected at most {most} million pixels, got more; scale it down"
+        ) from None
     except (
-        *(UnidentifiedImageError, Image.DecompressionBombError, SyntaxError),
+        *(UnidentifiedImageError, SyntaxError),
         *(ValueError, OSError, EOFError, TypeError, KeyError),
     ) as error:
+        if "truncated" in str(error).lower():
+            raise InputError(
+                f"{path}: expected a whole photograph, got one that is cut off; copy it again"
+            ) from None
         text = "another kind of file" if isinstance(error, UnidentifiedImageError) else error
         raise InputError(
             f"{path}: expected a photograph, got {text}; save it as JPEG or PNG"[:400]
@@ -96,3 +119,12 @@ def read(path: Path) -> tuple[NDArray[np.uint8], float | None]:
     lens = float(told) if isinstance(told, int) else 0.0
     known = LENSES_MM[0] <= lens <= LENSES_MM[1]
     return np.asarray(upright, np.uint8), lens if known else None
+
+
+def _rgb(image: Any) -> Any:
+    """PIL clips 16 bits of grey to white; here they are scaled to 8."""
+    from PIL import Image
+
+    if image.mode == "I" or image.mode.startswith("I;16"):
+        image = Image.fromarray((np.asarray(image) / 257).clip(0, 255).astype(np.uint8))
+    return image.convert("RGB")
