@@ -3,9 +3,12 @@
 Errors end in one line and a status: 2 for bad input, 1 for a failure while running, 130 on Ctrl-C.
 """
 
+import contextlib
+import io
+import re
 import shlex
 import sys
-from typing import Annotated
+from typing import Annotated, Any, get_args
 
 import tyro
 from tyro.conf import subcommand
@@ -45,12 +48,7 @@ Command = (
 def run(words: list[str]) -> None:
     """Run the command that the words name."""
     try:
-        command = tyro.cli(
-            Command,
-            prog="livedrive",
-            args=_with_profile(words),
-            config=(tyro.conf.FlagCreatePairsOff,),
-        )
+        command = _parsed(words)
         command.run()
     except InputError as error:
         _fail(str(error), 2)
@@ -68,16 +66,42 @@ def run(words: list[str]) -> None:
         _fail("stopped", 130)
 
 
-def _with_profile(words: list[str]) -> list[str]:
-    """`run` begins with the options of the user's file; those of the command line come later."""
-    from app.terminal import profile
+def _parsed(words: list[str]) -> Command:
+    """The command, or InputError. `run` begins with the options of the user's file; those of the
+    command line come later."""
+    from app.terminal import profile, refusals
 
-    if words[0] != "run" or {"-h", "--help"} & set(words):
-        return words
-    kept = profile.words(profile.path())
+    kept = list[str]()
+    if words[0] == "run" and not {"-h", "--help"} & set(words):
+        kept = profile.words(profile.path())
     if kept:
         print(f"livedrive: with {profile.path()}: {shlex.join(kept)}", file=sys.stderr)
-    return ["run", *kept, *words[1:]]
+    told = io.StringIO()
+    try:
+        with contextlib.redirect_stderr(told):
+            return tyro.cli(
+                Command,
+                prog="livedrive",
+                args=[words[0], *kept, *words[1:]],
+                config=(tyro.conf.FlagCreatePairsOff,),
+            )
+    except SystemExit as end:
+        if end.code != 2:
+            raise
+        names = _names(Command, words)
+        said = refusals.one_line(told.getvalue(), " ".join(names))
+        option = re.search(r"--[\w-]+", said)
+        where = f"mend {profile.path()}; " if option and option[0] in {*kept} - {*words} else ""
+        raise InputError(f"{said}; {where}see: {shlex.join(['livedrive', *names, '-h'])}") from None
+
+
+def _names(commands: Any, words: list[str]) -> list[str]:
+    """The first words, as far as they name a command, e.g. avatar show."""
+    for command, conf in map(get_args, get_args(commands)):
+        if words[:1] == [conf.name]:
+            parts = get_args(command.__annotations__.get("command"))
+            return [conf.name, *(_names(parts[0], words[1:]) if parts else [])]
+    return []
 
 
 def _fail(message: str, status: int) -> None:

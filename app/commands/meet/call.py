@@ -209,7 +209,7 @@ def listen_to_keys(link: "CallLink", stop: Any) -> None:
 class Call:
     """Video calls with driven heads: host | join | server | bridge | test."""
 
-    action: tyro.conf.OmitSubcommandPrefixes[
+    command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[Host, subcommand("host")]
         | Annotated[Join, subcommand("join")]
         | Annotated[Server, subcommand("server")]
@@ -218,4 +218,4 @@ class Call:
     ]
 
     def run(self) -> None:
-        self.action.run()
+        self.command.run()

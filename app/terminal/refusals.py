@@ -1,0 +1,70 @@
+"""What tyro says of words that it cannot use, as one line: what, expected, got, what to type.
+
+Its boxes speak of Python's types, and of None, which nobody can type.
+"""
+
+import re
+
+NUMBERS = {
+    r"invalid literal for int\(\) with base 10: (.*)": "expected a whole number, got {}",
+    r"could not convert string to float: (.*)": "expected a number, got {}",
+}
+
+
+def one_line(
+    box: str,  # as tyro prints it
+    command: str,  # that was typed, without options: avatar show; or empty
+) -> str:
+    """Without the next command, but for the name of an option that is nearly what was typed."""
+    place = f"{command}: " if command else ""
+    lines = [line.strip("│ ") for line in box.splitlines()[1:]]  # without its title
+    parts = re.split(r"(?:^|\n)[─╰╯-]+(?:\n|$)", "\n".join(lines))
+    first, *others = [" ".join(part.split()) for part in parts if part.strip()]
+    other = " ".join(others)
+    if found := re.match(r"Error parsing (\S+): (.*)", first):
+        return f"{found[1]}: {_value(found[2])}"
+    if found := re.match(
+        r"invalid choice '(.*)' for argument '(.*)'\. Expected one of (.*)", first
+    ):
+        choices = sorted({*re.findall(r"'(.*?)'", found[3])} - {"None"})
+        return f"{found[2]}: expected {', '.join(choices)}, got {found[1]!r}"
+    if found := re.match(r"Missing value for argument '(.*)'\.", first):
+        if found[1].startswith("-"):
+            return f"{found[1]}: expected a value after it, got none"
+        return f"{place}expected {found[1].removeprefix('command.')}, got none"
+    if found := re.match(r"Expected one of \{(.*)\}", first):
+        return f"{place}expected {found[1]}, got none"
+    if found := re.match(r"Missing from [\w -]+: (.*)", first):
+        needed = [_needed(part) for part in found[1].split("(required)") if part.strip()]
+        got = re.search(r"Unrecognized options: (.*?)( For full|$)", other)
+        return f"{place}expected {' and '.join(needed)}, got {got[1] if got else 'none'}"
+    if first.startswith("Unrecognized"):
+        return f"{place}{_unknown(first, other)}"
+    return first
+
+
+def _value(why: str) -> str:
+    """Of several reasons the last that is not about None."""
+    reasons = re.split(r" ?- <class '[\w.]+'>: ", why)
+    why = [reason for reason in reasons if "choices ('None',)" not in reason][-1]
+    for pattern, words in NUMBERS.items():
+        if found := re.fullmatch(pattern, why):
+            return words.format(found[1])
+    return why
+
+
+def _needed(part: str) -> str:
+    """An option as it is typed; of a word without a name what it is."""
+    first, _, rest = part.strip().partition(" ")
+    if first.startswith("-"):
+        return f"{first} {rest.partition(' ')[0]}"
+    return (rest[:1].lower() + rest[1:]).rstrip(". ")
+
+
+def _unknown(first: str, other: str) -> str:
+    got = " ".join(re.findall(r"(\S+) \(applied to", first) or first.split(": ")[1].split(", "))
+    near = re.search(r"(?:Perhaps you meant|Arguments similar to \S+): (--[\w-]+)", other)
+    if near and near[1] not in got.split():
+        return f"expected an option that it has, got {got}; did you mean {near[1]}?"
+    choices = re.search(r"Available subcommands: ([\w, -]+?)( [A-Z]|$)", other)
+    return f"expected {choices[1] if choices else 'an option that it has'}, got {got}"
