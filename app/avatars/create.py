@@ -37,15 +37,17 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
 
     _check(name, folder, replace)
     lender = identity.load(parts.hair) if parts.hair else None
+    bearded = identity.load(parts.beard) if parts.beard else None
     maker = Maker()
+    maker.check_eye(parts.eye)
     geometry, skin = _head(maker, parts)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
         who = worn(maker, who, lender)
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
-    if parts.beard:
-        who = with_parts(who, beard=identity.load(parts.beard).beard)
+    if bearded:
+        who = with_parts(who, beard=bearded.beard)
     given = {key: _named(value) for key, value in asdict(parts).items()}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)

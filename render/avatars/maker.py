@@ -117,11 +117,19 @@ class Maker:
     def eyes(self) -> list[str]:
         return sorted(k.removeprefix("eye.") for k in self._t if k.startswith("eye."))
 
+    def check_eye(self, eye: str) -> None:
+        """Raises InputError where no eyes of this colour are known."""
+        if eye not in self.eyes:
+            raise InputError(
+                f"--eye: expected one of {', '.join(self.eyes)}, got {eye!r}; try --eye "
+                f"{self.eyes[0]}"
+            )
+
     def albedo(self, skin: Floats, eye: str | Floats) -> Floats:  # [N, 3]
         """The colour of every Gaussian, sampled at the blur that the photometric fit chose; on the
         face then as sharp as the texture."""
-        if isinstance(eye, str) and eye not in self.eyes:
-            raise InputError(f"eye: expected one of {', '.join(self.eyes)}, got {eye!r}")
+        if isinstance(eye, str):
+            self.check_eye(eye)
         t, on_eye = self._t, self.anchor_kinds == mesh_parts.EYE
         picture = np.ones((8, 8, 3), np.float32) if isinstance(eye, str) else eye
         plain = t["anchor_plain"].astype(np.float32) / np.float32(255)

@@ -138,3 +138,18 @@ def test_a_wrong_word_is_refused_before_the_work(
     with pytest.raises(InputError, match="expected"):
         CreateAvatar(name=name, hair=hair, eye="brown", **files).run()
     assert identity.names(files["out"]) == []
+
+
+@pytest.mark.parametrize(
+    ("option", "words"),
+    [
+        ({"eye": "pink"}, "--eye: expected one of blue, .*, got 'pink'; try --eye blue"),
+        ({"beard": "nobody"}, "expected one of .*, got 'nobody'"),
+    ],
+)
+def test_eyes_and_beard_are_checked_before_the_photographs(
+    files: dict[str, Path], option: dict[str, str], words: str
+) -> None:
+    """Red before: after half a minute of fitting."""
+    with pytest.raises(InputError, match=words):  # and not: got a file that is no photograph
+        CreateAvatar(name="me", photos=(files["geometry"],), out=files["out"], **option).run()
