@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from render.types import Density
+from render.types import DENSITY, Density
 from sensors import files
 from sensors.types import InputError
 
@@ -46,6 +46,7 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
 
     if not 64 <= settings.size <= 2048:
         raise InputError(f"--size: expected 64..2048, got {settings.size}; try --size 512")
+    _check(name, settings)
     if name.endswith(".ply"):
         cloud = ply.load(Path(name))
         renderer = create_renderer()
@@ -63,6 +64,28 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
     columns = 5 if settings.traverse else columns
     Image.fromarray(sheet.grid(views, columns)).save(files.create(path))
     renderer.close()
+
+
+def _check(name: str, settings: PictureSettings) -> None:
+    """InputError where an option would say nothing: it is not one of what is drawn."""
+    is_ply, sheet = name.endswith(".ply"), settings.sheet != "poses"
+    for option, given, other in (
+        ("--sheet", is_ply and sheet, f"the static head {name}"),
+        ("--light", is_ply and settings.light != "studio", f"the static head {name}"),
+        ("--gaussians", is_ply and settings.gaussians != DENSITY, f"the static head {name}"),
+        ("--traverse", is_ply and settings.traverse, f"the static head {name}"),
+        ("--sheet", settings.traverse and sheet, "--traverse, which draws instead of it"),
+        (
+            "--light",
+            settings.sheet == "lights" and settings.light != "studio",
+            "--sheet lights, which draws them all",
+        ),
+    ):
+        if given:
+            raise InputError(
+                f"{option}: expected an avatar whose sheet is drawn, got {other}; leave {option} "
+                "out"
+            )
 
 
 def save_turn(
