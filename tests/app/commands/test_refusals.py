@@ -17,7 +17,7 @@ WRONG = {
     "replay recordings/smoke --sise 3": "got --sise 3; did you mean --size?; see:",
     "run --seconds soon": "--seconds: expected a number, got 'soon'; see: livedrive run -h",
     "session export a b --drop foo": "--drop: expected audio, eyes, got 'foo'; see:",
-    "session --drop foo export a b": "session: expected an option that it has, got --drop foo; see:",
+    "session --drop foo export a b": "session: expected an option that it has, got --drop foo;",
     "call host --port 99999": "--port: expected 0..65535, got 99999; see: livedrive call host -h",
     "call foo": "call: expected host, join, server, bridge, test, got foo; see: livedrive call -h",
     "meet": "expected replay, run, record, ",
