@@ -44,7 +44,7 @@ class ShowAvatar:
     traverse: bool = False
     """Instead: random draws from the prior, and its main dimensions from -2 to 2 deviations."""
     background: str = "grey"
-    """Background: grey, white, green, transparent or #rrggbb."""
+    """Background: grey (also as studio), white, green, transparent or #rrggbb."""
     gaussians: Density = DENSITY
     """Gaussians of the head without hair."""
     stereo: bool = False
@@ -109,8 +109,9 @@ class CreateAvatar:
     name: Positional[str]
     """Name of the new avatar."""
     photos: tuple[Path, ...] = ()
-    """One to five photographs of the face, at least 256 pixels: the front, then both sides at
-    about 35 degrees. Even light, no glasses, hair off the face, a calm face if possible."""
+    """One to five photographs of the face, in colour, at least 256 pixels: the front, then both
+    sides at about 35 degrees. Even light, no glasses, a calm face if possible; hair off the face
+    and its temples, where it would leave blotches."""
     geometry: File = None
     """Instead: scan as GLB, OBJ, PLY or STL; or, in the topology of the face data, npz with
     `vertices` [26719, 3] or OBJ; mm, cm or m."""
