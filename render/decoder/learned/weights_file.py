@@ -40,16 +40,19 @@ def load(path: Path, kind: str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     from safetensors.numpy import load as from_bytes
 
     tensor_path, card_path = path.with_suffix(".safetensors"), path.with_suffix(".json")
+    ours, both = path.parent == FOLDER, f"{tensor_path.name} and {card_path.name}"
+    cure = "restore it from the repository" if ours else f"copy {both} again, or make them anew"
     for part in (tensor_path, card_path):
         if not files.check_regular(part).exists():
-            raise InputError(f"weights: expected {part}, got no such file; run: livedrive doctor")
+            beside = f" beside {tensor_path.name}" if part == card_path else ""
+            raise InputError(f"weights: expected {part}{beside}, got no such file; {cure}")
     try:
         card = files.read_json(card_path)
         got_kind, expected_hash = card["kind"], card["sha256"]
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError):
         raise InputError(
-            f"weights: expected a card with kind and sha256 in {card_path}, got a damaged file "
-            f"({error!r}); restore it from the repository"
+            f"weights: expected a card with kind and sha256 in {card_path}, got a damaged file; "
+            f"{cure}"
         ) from None
     if got_kind != kind:
         raise InputError(
@@ -59,12 +62,11 @@ def load(path: Path, kind: str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]
     if hashlib.sha256(data).hexdigest() != expected_hash:
         raise InputError(
             f"weights: expected the contents that {card_path.name} states, got a truncated or "
-            f"altered {tensor_path}; restore it from the repository"
+            f"altered {tensor_path}; {cure}"
         )
     try:
         return from_bytes(data), card
     except (SafetensorError, KeyError) as error:  # KeyError: a type that numpy lacks
         raise InputError(
-            f"weights: expected safetensors, got {error} in {tensor_path}; "
-            "restore it from the repository"
+            f"weights: expected safetensors, got {error} in {tensor_path}; {cure}"
         ) from None

@@ -32,6 +32,18 @@ def test_a_copy_of_a_shipped_avatar_loads_from_its_file(tmp_path: Path) -> None:
     assert who.name == "evil" and len(who.beard) == len(identity.load("hugo").beard)
 
 
+def test_a_lost_card_is_told_with_what_helps(tmp_path: Path) -> None:
+    """Red before: `run: livedrive doctor`, which knows nothing of the user's files."""
+    path = write(tmp_path, shipped("hugo"))
+    (tmp_path / "avatar_evil.json").write_text("{}")
+    with pytest.raises(InputError, match=r"a damaged file; copy avatar_evil.safetensors and"):
+        identity.load(path)
+    (tmp_path / "avatar_evil.json").unlink()
+    words = r"evil.json beside avatar_evil.safetensors, got no such file; copy avatar_evil"
+    with pytest.raises(InputError, match=words):
+        identity.load(path)
+
+
 def test_an_avatar_beside_a_decoder_of_its_own_is_checked_against_that(tmp_path: Path) -> None:
     """Red before: `eval ab` refused the weights of a version with other light networks."""
     tensors = shipped("hugo")
