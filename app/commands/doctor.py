@@ -42,7 +42,28 @@ def _avatars() -> str:
     from render.decoder.decoder import Decoder
 
     Decoder.load()
-    return ", ".join(identity.load(name).name for name in identity.shipped())
+    return ", ".join(identity.load(name).name for name in identity.names())
+
+
+def _photographs() -> str:
+    from render.avatars.photos.detector import FaceDetector
+    from sensors.types import InputError
+
+    try:
+        FaceDetector().close()
+    except InputError as error:
+        return f"none (only avatar create --photos needs it): {error}"
+    return "the detector of faces"
+
+
+def _scans() -> str:
+    from render.avatars.surface_scan import INSTALL
+
+    try:
+        import trimesh
+    except ImportError:
+        return f"none (only avatar create --geometry needs it); run: {INSTALL}"
+    return f"trimesh {trimesh.__version__}"
 
 
 def _video() -> str:
@@ -119,6 +140,8 @@ CHECKS: dict[str, Callable[[], str]] = {
     "OpenGL": _opengl,
     "encoder": _encoder,
     "avatars": _avatars,
+    "photographs": _photographs,
+    "scans": _scans,
     "video": _video,
     "torch": _torch,
     "microphone": _microphone,

@@ -1,0 +1,41 @@
+"""`livedrive doctor`: the user's avatars, and what making one needs."""
+
+import shutil
+import sys
+from pathlib import Path
+
+import pytest
+
+from app.commands import doctor
+from render.decoder import identity
+from render.decoder.learned import weights_file
+
+
+def test_avatars_of_the_user_are_among_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the shipped ones alone."""
+    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    for suffix in (".json", ".safetensors"):
+        shutil.copy(weights_file.FOLDER / f"avatar_ada{suffix}", tmp_path / f"avatar_me{suffix}")
+    told = doctor.CHECKS["avatars"]()
+    assert {"ada", "me"} <= set(told.split(", "))
+    (tmp_path / "avatar_me.json").unlink()
+    with pytest.raises(ValueError, match=r"avatar_me.json beside .*, got no such file; copy"):
+        doctor.CHECKS["avatars"]()
+
+
+@pytest.mark.parametrize(
+    ("check", "module", "words"),
+    [
+        ("photographs", "mediapipe", "only avatar create --photos needs it"),
+        ("scans", "trimesh", "only avatar create --geometry needs it"),
+    ],
+)
+def test_what_making_an_avatar_needs_is_named(
+    check: str, module: str, words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: no word of it."""
+    monkeypatch.setitem(sys.modules, module, None)
+    told = doctor.CHECKS[check]()
+    assert words in told and "run: pip install 'livedrive[" in told
