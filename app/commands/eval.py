@@ -14,7 +14,8 @@ from app.eval.photos import PhotosSettings
 from app.eval.prior import PriorSettings
 from app.eval.speech.settings import SpeechSettings
 from app.terminal import confirm, outputs
-from app.terminal.arguments import Seed
+from app.terminal.arguments import File, Seed
+from sensors.types import InputError
 
 WRITTEN = {"report": outputs.REPORTS, "picture": outputs.PICTURES, "plot": outputs.PLOTS}
 
@@ -84,22 +85,27 @@ class EvalEmotion:
 class EvalAb:
     """Make a page for an A/B test: pairs of videos or pictures side by side, which is better?"""
 
-    a: Positional[Path]
+    a: Positional[File] = None
     """Folder of videos or pictures of the first method, or of weights whose people are drawn."""
-    b: Positional[Path]
+    b: Positional[File] = None
     """The same of the second; a pair has the same file name."""
     out: Path = Path("ab.html")
     """Page to write."""
     seed: Seed = 0
     """Seed of the order and of the sides."""
     count: tuple[Path, ...] = ()
-    """Instead: count the votes in these files, which the page saved."""
+    """Instead, without folders: count the votes in these files, which the page saved."""
 
     def run(self) -> None:
         from app.eval import ab
 
         if self.count:
             print(*ab.tally(self.count), sep="\n")
+        elif self.a is None or self.b is None:
+            got = "none" if self.a is None else "one"
+            raise InputError(
+                f"eval ab: expected two folders, or --count, got {got}; see: livedrive eval ab -h"
+            )
         else:
             outputs.check("--out", self.out, (".html",))
             confirm.overwriting([self.out])

@@ -3,7 +3,7 @@
 A and B are folders of videos or pictures with the same names, or of weights: then everybody in
 them is drawn, e.g. those of two versions. Each pair is shown once, in random order and with random
 sides; the page keeps the votes in the browser and saves them as a JSON file, which
-`--count votes.json ...` adds up.
+`eval ab --count votes.json ...` adds up.
 """
 
 import base64
@@ -23,8 +23,10 @@ SIZE_PX = 1024
 def make_page(a: Path, b: Path, out: Path, seed: int, size: int = SIZE_PX) -> None:
     """Write one HTML file that shows pairs of videos or pictures and asks which is better.
 
-    Raises InputError where no names match.
+    Raises InputError where no names match, or both are one folder.
     """
+    if a.resolve() == b.resolve():
+        raise InputError(f"eval ab: expected two folders, got {a} twice; give another to compare")
     with TemporaryDirectory() as drawn:
         shown = [
             draw_people(folder, Path(drawn) / side, size)
@@ -37,8 +39,9 @@ def make_page(a: Path, b: Path, out: Path, seed: int, size: int = SIZE_PX) -> No
         order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
         trials = [_trial(pairs[i], bool(flipped[i])) for i in order]
     files.write_text(out, PAGE.replace("TRIALS", json.dumps(trials)))
-    print(f"wrote {out} with {len(trials)} pairs; open it in a browser and save the votes")
-    print(f"then: livedrive eval ab {a} {b} --count votes.json")
+    pairs_made = "1 pair" if len(trials) == 1 else f"{len(trials)} pairs"
+    print(f"wrote {out} with {pairs_made}; open it in a browser and save the votes")
+    print("then: livedrive eval ab --count votes.json")
 
 
 def draw_people(weights: Path, out: Path, size: int) -> Path:
@@ -104,10 +107,10 @@ def tally(files: tuple[Path, ...]) -> list[str]:
         try:
             votes += [str(row["choice"]) for row in json.loads(path.read_text())["votes"]]
         except (ValueError, KeyError, TypeError) as error:
+            got = "no JSON" if isinstance(error, ValueError) else "other JSON"
             raise InputError(
-                f"{path}: expected votes saved by the page, got {type(error).__name__}; "
-                "save them again"
-            ) from error
+                f"{path}: expected votes saved by the page, got {got}; save them again"
+            ) from None
     first, second = votes.count("A"), votes.count("B")
     total = max(first + second, 1)
     share = first / total

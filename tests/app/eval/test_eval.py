@@ -66,10 +66,11 @@ def test_noises_have_their_level_and_silence_none():
         assert level < -150 if name == "silence" else abs(level + 30) < 0.1
 
 
-def test_page_holds_each_pair_once_and_hides_who_is_who(tmp_path):
+def test_page_holds_each_pair_once_and_hides_who_is_who(tmp_path, capsys):
     a, b = videos(tmp_path / "a", "x.mp4", "y.mp4"), videos(tmp_path / "b", "x.mp4", "z.mp4")
     assert [pair[0].name for pair in find_pairs(a, b)] == ["x.mp4"]
     EvalAb(a=a, b=b, out=tmp_path / "ab.html").run()
+    assert "with 1 pair;" in capsys.readouterr().out
     page = (tmp_path / "ab.html").read_text()
     trials = json.loads(page.split("const trials = ")[1].split(", key")[0])
     assert len(trials) == 1 and {trials[0]["left"], trials[0]["right"]} == {"A", "B"}
@@ -97,11 +98,22 @@ def test_people_of_two_folders_of_weights_are_drawn(tmp_path):
 def test_votes_are_counted(tmp_path, capsys):
     votes = [{"name": "x", "choice": c, "side": "left"} for c in "AAB"]
     (tmp_path / "v.json").write_text(json.dumps({"votes": votes}))
-    EvalAb(a=tmp_path, b=tmp_path, count=(tmp_path / "v.json",)).run()
+    EvalAb(count=(tmp_path / "v.json",)).run()  # red before: folders were wanted, too
     assert "A 2  B 1  A's share 0.667" in capsys.readouterr().out
     (tmp_path / "bad.json").write_text("[]")
-    with pytest.raises(InputError, match="votes"):
+    with pytest.raises(InputError, match="votes saved by the page, got other JSON"):
         tally((tmp_path / "bad.json",))
+    (tmp_path / "bad.json").write_text("A")
+    with pytest.raises(InputError, match="votes saved by the page, got no JSON"):
+        tally((tmp_path / "bad.json",))
+
+
+def test_two_folders_are_compared(tmp_path):
+    with pytest.raises(InputError, match=r"two folders, or --count, got one"):
+        EvalAb(a=tmp_path).run()
+    with pytest.raises(InputError, match=r"two folders, got .* twice"):
+        EvalAb(a=videos(tmp_path / "a", "x.mp4"), b=tmp_path / "a", out=tmp_path / "o.html").run()
+    assert not (tmp_path / "o.html").exists()
 
 
 def test_a_late_mouth_errs_least_when_compared_later():
