@@ -19,7 +19,8 @@ def one_line(
     place = f"{command}: " if command else ""
     lines = [line.strip("│ ") for line in box.splitlines()[1:]]  # without its title
     parts = re.split(r"(?:^|\n)[─╰╯-]+(?:\n|$)", "\n".join(lines))
-    first, *others = [" ".join(part.split()) for part in parts if part.strip()]
+    said = [" ".join(part.split()) for part in parts if part.strip()]
+    first, *others = said or ["expected other words"]
     other = " ".join(others)
     if found := re.match(r"Error parsing (\S+): (.*)", first):
         return f"{found[1]}: {_value(found[2])}"
@@ -45,8 +46,9 @@ def one_line(
 
 def _value(why: str) -> str:
     """Of several reasons the last that is not about None."""
-    reasons = re.split(r" ?- <class '[\w.]+'>: ", why)
-    why = [reason for reason in reasons if "choices ('None',)" not in reason][-1]
+    for reason in re.split(r" ?- <class '[\w.]+'>: ", why):
+        if "choices ('None',)" not in reason:
+            why = reason
     for pattern, words in NUMBERS.items():
         if found := re.fullmatch(pattern, why):
             return words.format(found[1])
