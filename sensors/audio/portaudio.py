@@ -76,8 +76,8 @@ def find_name(name: str) -> str:
     names = [m.name for m in microphones()]
     if not names:
         raise InputError(
-            f"--mic {name}: expected a microphone, got none here; plug one in, or go on without: "
-            "--mic none"
+            f"--mic {name}: expected a microphone, got none here; plug one in, see: livedrive "
+            "devices, or go on with --mic none"
         )
     matches = [n for n in names if name.lower() in n.lower()]
     if name not in names and len(matches) != 1:
