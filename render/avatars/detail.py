@@ -112,7 +112,7 @@ def blend(
         rows, share = composited(gaussians, near[facing], points[facing], towards)
         seen = share.sum(1)
         whole = seen > LEAST_SEEN
-        rows, share = rows[whole], (share / seen[:, None])[whole].astype(np.float32)
+        rows, share = rows[whole], (share[whole] / seen[whole, None]).astype(np.float32)
         starts = np.arange(0, rows.size + 1, rows.shape[1])
         size = (len(rows), len(gaussians.points))
         parts.append(csr_array((share.ravel(), rows.ravel(), starts), shape=size) @ shares)

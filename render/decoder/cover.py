@@ -33,8 +33,8 @@ PLACES = (np.array(SIXTHS) / 6).astype(np.float32)  # of a triangle
 # The same of skin of the face that no layer lies below, as beside a nose, and so near to it.
 WING_SHARE, WING_MM = 0.66, 1.6
 LINING_MM = 6.0, 9.0  # of a mouth, behind the skin of the face: hidden, as it is
-# mm before the teeth furthest back: between them the lower and the upper ones fade away
-MOLARS_MM = {"lower": (24.0, 32.0), "upper": (22.0, 30.0)}
+# mm forward on the mean face: between them the lower and the upper teeth fade away
+MOLARS_MM = {"lower": (75.4, 83.4), "upper": (73.4, 81.4)}
 
 
 def cover(
@@ -128,11 +128,10 @@ def molars(
     be slivers, and the dark of the mouth is nearer to the truth."""
     rows = np.flatnonzero(head.share_on(head.used[teeth]) > 0.5)
     points = (head.interpolate @ mean_face[head.used])[rows]
-    forward = points[:, 2] - mean_face[head.used[teeth], 2].min()
     shown = np.ones(len(head.scales), np.float32)
     for side, of_side in (("lower", points[:, 1] < mouth_mm), ("upper", points[:, 1] >= mouth_mm)):
         back, front = MOLARS_MM[side]
-        shown[rows[of_side]] = np.clip((forward[of_side] - back) / (front - back), 0, 1)
+        shown[rows[of_side]] = np.clip((points[of_side, 2] - back) / (front - back), 0, 1)
     return shown
 
 

@@ -23,6 +23,7 @@ KEPT_REGIONS = (
     *("lips", "lips_upper", "lips_lower", "upper_face", "eyelids", "brows", "eyeball_l"),
     *("eyeball_r", "inner_mouth_lip_roll", "narrow_face", "gums"),
 )
+OF_VERTICES = ("vertex_colors", "vertex_uv", "places")  # that Gaussians lie on
 INTERIOR = ("teeth", "gums_tongue", "mouth_socket")
 
 
@@ -82,6 +83,27 @@ def tensors(
     for name, network in (("identity", nets.identity), ("expression", nets.expression)):
         for key, value in network.state_dict().items():
             out[f"{name}.{key}"] = value.numpy().astype(np.float16)
+    return out
+
+
+def without(tensors: Tensors, anchors: NDArray[np.integer]) -> Tensors:
+    """Less these rows of the anchors, and the vertices that nothing lies on then."""
+    out, corners = dict(tensors), tensors["faces"].astype(np.int64)[tensors["anchor_triangles"]]
+    keep = np.ones(len(corners), bool)
+    keep[anchors] = False
+    used, left = np.unique(corners), np.unique(corners[keep])
+    stays = np.isin(used, left)
+    eyes = tensors["anchor_kinds"] == mesh_parts.EYE
+    for name, rows in tensors.items():
+        if name.startswith("anchor_"):
+            out[name] = rows[keep]
+        elif name.startswith("eye."):
+            out[name] = rows[keep[eyes]]
+        elif name in OF_VERTICES:
+            out[name] = rows[stays]
+    teeth = stays[tensors["teeth_rows"]]
+    out["teeth_rows"] = (np.cumsum(stays) - 1)[tensors["teeth_rows"][teeth]].astype(np.int32)
+    out["teeth_light"] = tensors["teeth_light"][teeth]
     return out
 
 

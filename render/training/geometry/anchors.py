@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from render.decoder import mesh_parts
 from render.decoder.surface import Surface, build
@@ -27,6 +28,11 @@ NOSE, NOSE_MM = 1.4, ((-20, -16, 98), (20, 30, 200))  # and where it is on the m
 # Ears have folds, a scalp has hair or nothing to see: factors, and where both lie, |x| y z.
 EARS, EARS_MM = 2.4, ((70, -22, -60), (200, 45, 40))
 SCALP, SCALP_MM = 0.55, ((0, 20, -200), (200, 200, 40))
+# A mesh is fine where it bends: in folds of ears, the density goes with the root of the size of
+# triangles, mm^2; as dense as a face, at most.
+FOLD_MM2, FOLDED = 2.7, 2.2
+# Density falls off from the face's edge, not at once: factor there, and mm in which it falls by e.
+EDGE, EDGE_MM = 4.0, 15.0
 COLLAR, COLLAR_MM = 3.0, 5.0  # along the edge of a shirt
 MOUTH_BAG = 0.12
 TEETH, GUMS, TONGUE = 0.092, 0.058, 0.013  # of all Gaussians, see mouth_anchors.py
@@ -59,25 +65,7 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
     corners = face.neutral[face.faces]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     area = 0.5 * np.linalg.norm(normals, axis=1)
-    density = np.array([MATERIAL.get(str(m), 0.0) for m in face.materials])
-    for region, factor in REGION.items():
-        density[np.isin(face.faces, face.regions[region]).all(1)] *= factor
-    low, high = np.array(NOSE_MM)
-    density[((corners.mean(1) > low) & (corners.mean(1) < high)).all(1)] *= NOSE
-    off_face = ~np.isin(face.faces, face.regions["narrow_face"]).any(1)
-    middles = corners.mean(1) * np.where(corners.mean(1)[:, :1] < 0, (-1, 1, 1), (1, 1, 1))
-    ears, scalp = ((middles > low) & (middles < high) for low, high in (EARS_MM, SCALP_MM))
-    ears, scalp = ears.all(1) & off_face, scalp.all(1) & off_face
-    density[ears] *= EARS
-    density[scalp & ~ears] *= SCALP
-    neckline = np.abs(clothes.height(corners.mean(1))) < COLLAR_MM
-    density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
-    density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
-    gums, tongue = (np.isin(face.faces, face.regions[r]).all(1) for r in ("gums", "tongue"))
-    density[gums | tongue | (assembly.kinds == mesh_parts.TEETH) | (assembly.kinds < 0)] = 0
-    for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
-        inside = np.isin(face.faces, eye).all(1)
-        density[inside & (corners[:, :, 2].mean(1) < face.neutral[eye, 2].mean() - 4)] = 0
+    density = wanted(assembly, corners, area)
     density *= (1 - TEETH - GUMS - TONGUE) * count / (area * density).sum()
     triangles, barycentric = scatter(corners, normals, area, density, rng)
     anchors = Anchors(triangles, barycentric, (WIDTH / np.sqrt(density[triangles])).astype("f4"))
@@ -92,6 +80,34 @@ def place(assembly: Assembly, count: int, seed: int) -> Anchors:
     ]
     parts = (vars(part).values() for part in (anchors, *inside))
     return Anchors(*(np.concatenate(rows) for rows in zip(*parts, strict=True)))
+
+
+def wanted(assembly: Assembly, corners: Floats, area: Floats) -> NDArray[np.float64]:  # [F]
+    """How dense Gaussians lie on triangles [F, 3, 3], relative to each other; 0 where none do."""
+    face, middles = assembly.face, corners.mean(1)
+    density = np.array([MATERIAL.get(str(m), 0.0) for m in face.materials])
+    for region, factor in REGION.items():
+        density[np.isin(face.faces, face.regions[region]).all(1)] *= factor
+    low, high = np.array(NOSE_MM)
+    density[((middles > low) & (middles < high)).all(1)] *= NOSE
+    off_face = ~np.isin(face.faces, face.regions["narrow_face"]).any(1)
+    sided = middles * np.where(middles[:, :1] < 0, (-1, 1, 1), (1, 1, 1))
+    ears, scalp = ((sided > low) & (sided < high) for low, high in (EARS_MM, SCALP_MM))
+    ears, scalp = ears.all(1) & off_face, scalp.all(1) & off_face
+    density[ears] *= EARS * np.clip(np.sqrt(FOLD_MM2 / area[ears]), 1, FOLDED)
+    density[scalp & ~ears] *= SCALP
+    beside = off_face & (assembly.kinds == mesh_parts.SKIN)
+    far = np.asarray(KDTree(face.neutral[face.regions["narrow_face"]]).query(middles[beside])[0])
+    density[beside] *= 1 + (EDGE - 1) * np.exp(-far / EDGE_MM)
+    neckline = np.abs(clothes.height(middles)) < COLLAR_MM
+    density[neckline & (assembly.kinds == mesh_parts.SKIN)] *= COLLAR
+    density[np.isin(face.faces, face.regions["mouth_socket"]).all(1)] = MOUTH_BAG
+    gums, tongue = (np.isin(face.faces, face.regions[r]).all(1) for r in ("gums", "tongue"))
+    density[gums | tongue | (assembly.kinds == mesh_parts.TEETH) | (assembly.kinds < 0)] = 0
+    for eye in assembly.posing.eyeballs:  # the back of an eyeball is never seen
+        inside = np.isin(face.faces, eye).all(1)
+        density[inside & (middles[:, 2] < face.neutral[eye, 2].mean() - 4)] = 0
+    return density
 
 
 def _keep(anchors: Anchors, which: NDArray[np.bool_]) -> Anchors:

@@ -24,6 +24,8 @@ RIM = 0.7  # of the brightness of skin beside the lips, how far it takes that of
 CORNER, CORNER_COLOR = 0.9, np.array([0.93, 0.83, 0.81], np.float32)  # of the mouth, in its skin's
 DARK_LIP, FLESH = 0.9, np.array([0.88, 0.80, 0.80], np.float32)  # of the outer lips' colour
 CORNER_MM = 15.0  # from the edges of the lids: there the detail of another face has its own eyes
+# Where a texture's ears reach before those of the mesh: middle, half width; mm up, forward, across.
+EAR_MM, EAR_HALF_MM, EAR_ACROSS_MM = (36, 17), (11, 10), 80
 DARK = 0.16  # linear luminance below which a skin takes the dark detail
 # The same points in Reom's picture and in the face's half of the atlas; x right, y down, 0..1.
 REOM_POINTS = np.array([
@@ -121,6 +123,7 @@ def painted(tone: Floats, grain: Floats, skin: Skin, places: Places, relief: Rel
     """[SIZE, SIZE, 3] linear -> the same with detail, blood, melanin, pores and lips."""
     out = evened(tone, places) * (1 + _off_lips(places) * (grain - 1))
     out, lips = fleshed(out.astype(np.float32), places), soft(places.lips, 1.5)
+    out = before_ears(out, places)
     bare = _bare(places)
     ears = np.clip((places.across - 74) / 8, 0, 1)
     red = 0.14 * places.cheeks + 0.11 * places.nose + 0.07 * places.chin + 0.05 * ears
@@ -184,6 +187,15 @@ def fleshed(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
     out = tone + (mouth * dark)[..., None] * (lip * FLESH - tone)
     ragged = np.clip(1.5 * mouth * places.spot(20, -34, 6, 5), 0, 1)[..., None]
     return (out + ragged * (soft(out, 6) - out)).astype(np.float32)
+
+
+def before_ears(tone: Floats, places: Places) -> Floats:  # [SIZE, SIZE, 3] linear
+    """Without the outline of a texture's ears on the temples."""
+    offs = np.stack([places.up, places.points[..., 2]], -1) - EAR_MM
+    near = np.exp(-((offs / EAR_HALF_MM) ** 4).sum(-1)) * places.points.any(2)
+    near = (near * np.clip((EAR_ACROSS_MM - places.across) / 2, 0, 1)).astype(np.float32)
+    around = _among(tone, np.clip(1 - 2 * near, 0, 1) * (places.across < EAR_ACROSS_MM - 3), 24)
+    return (tone + near[..., None] * (around - tone)).astype(np.float32)
 
 
 def _among(tone: Floats, where: Floats, sigma: float) -> Floats:  # [H, W, 3], [H, W]
