@@ -54,7 +54,7 @@ def make(
     if recipe.style not in (BALD, BUZZ):
         worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
         cover = worn.corners if worn.texture is None else hair.opaque(worn)
-    eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites)
+    eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites, recipe.irises)
     who = maker.identity(name, dressed, wardrobe.texture(person), eye, cover)
     albedo = calmed(assembly, maker, who)
     albedo = wrinkles.at_rest(albedo, maker.wrinkles, recipe.skin.age)

@@ -31,6 +31,7 @@ class Recipe:
     beard: BeardStyle | None = None
     hairs: int = 22_600
     whites: tuple[float, float, float] = (1, 1, 1)  # of the eyes: gain
+    irises: float = 1.0  # gain
     wide: float = 0.0  # how far the lids are apart at rest, of eyeWide
 
 
@@ -47,7 +48,7 @@ CHALK, COAL, SKY = (
     (0.14, 0.14, 0.15),
     (0.36, 0.47, 0.58),
 )
-WARM = (0.72, 0.65, 0.56)  # whites among dark skin
+WARM, DEEP = (0.72, 0.65, 0.56), 0.45  # whites and irises among dark skin
 FINE, SOFT, FULL = Brows(440, 0.72, 1.2, 1.0), Brows(500, 0.85, 0.6, 0.5), Brows(680, 1.15)
 RECIPES = {
     "ada": Recipe(5, 0.40, 2.1, ("young_lightskinned_female3", "young_lightskinned_female2", 0.3),
@@ -69,7 +70,7 @@ RECIPES = {
     "femi": Recipe(64, 0.6, 1.5, ("middleage_darkskinned_female", "young_darkskinned_male", 0.45),
                    "brown", "afro01", (0.13, 0.10, 0.085), CHALK,
                    Skin(0.3, 0.0, 0.2, melanin=1.0, age=0.1), SOFT, 1.4, (1.08, 1.325, 1.47),
-                   whites=WARM),
+                   whites=WARM, irises=DEEP),
     "greta": Recipe(75, 0.6, 1.2,
                     ("middleage_lightskinned_female2", "old_lightskinned_male2", 0.25),
                     "grey", "short01", GREY, SKY, Skin(1.1, 0.2, 0.1, age=1.0), SOFT, 0.9,
@@ -90,7 +91,7 @@ RECIPES = {
     "kofi": Recipe(23, 0.65, -0.9, ("young_darkskinned_male", "young_darkskinned_male", 0.0),
                    "brown", "short01", BLACK, SKY, Skin(0.3, 0.0, 0.1, melanin=1.0), FULL, 1.35,
                    (1.12, 1.25, 1.33), 0.9,
-                   BeardStyle(3600, 7.0, 0.7), hairs=15_600, whites=WARM),
+                   BeardStyle(3600, 7.0, 0.7), hairs=15_600, whites=WARM, irises=DEEP),
     "lena": Recipe(119, 0.5, 2.2,
                     ("young_lightskinned_female3", "young_lightskinned_female3", 0.0),
                    "brownlight", "long01", BLOND, NAVY, Skin(0.9, 0.1, 0.6),
