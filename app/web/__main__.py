@@ -29,7 +29,8 @@ def main() -> None:
     except InputError as error:
         _fail(end, str(error))
     except OSError as error:
-        _fail(end, str(cannot_listen("web", info.host, info.port, error)))
+        option = "--web" if info.page else ""
+        _fail(end, str(cannot_listen("web", info.host, info.port, error, option)))
 
 
 def _fail(end: Channel, problem: str) -> None:
