@@ -24,8 +24,8 @@ def cannot_listen(
 
 def _why(error: Exception) -> object:
     """In the system's words: Python's servers add the address, which is told already."""
-    number = getattr(error, "errno", None)
-    if sys.platform != "win32" and number in errno.errorcode:
-        if not isinstance(error, socket.gaierror):  # whose numbers are others
-            return os.strerror(number)
+    if isinstance(error, OSError) and sys.platform != "win32":
+        number = 0 if isinstance(error, socket.gaierror) else error.errno  # whose are others
+        if number in errno.errorcode:
+            return os.strerror(number or 0)
     return getattr(error, "strerror", None) or error
