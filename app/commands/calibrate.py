@@ -48,6 +48,7 @@ class Calibrate:
             back = kept.undo(path)
             print(f"{path.resolve()} is as it was before" if back else "no calibration is in use")
             return
+        kept.check_writable(path)
         session = self.session
         takes = (
             calibrate.takes_of_session(session)

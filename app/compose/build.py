@@ -74,7 +74,7 @@ def build(
     driver.alive = _alive(settings.head, decoder)
     page, xr = page or open_page(settings, clock), xr or open_xr(settings, clock)
     if page and driver.emotions:
-        page.link.say(emotions=driver.emotions.labels)
+        page.link.say(emotions=driver.emotions.labels, controls={"emotion": emotions.start})
     outlet = Outlet(decoder, settings.avatar, clock, settings.network.gains)
     network = [*open_all(settings.network.send, outlet), *([page] if page else [])]
     window = _window(settings, emotions, driver, clock, stages, tape, frames, seats)
@@ -105,7 +105,10 @@ def build(
 def _panel(
     window: "WindowSink | None", page: "WebSink | None", who: "Identity"
 ) -> ControlPanel | None:
-    return WithPage(window, page.link.picks, who.name) if page else window
+    if page is None:
+        return window
+    link = page.link
+    return WithPage(window, link.picks, who.name, lambda changed: link.say(controls=changed))
 
 
 def _alive(mode: HeadMode, decoder: "Decoder") -> "Alive | None":

@@ -46,20 +46,24 @@ def takes_of_cameras(
     from sensors.live.source import LiveSource
 
     clock = MonotonicClock()
-    source, encoder = LiveSource(None, cameras(specs, clock), clock), load_eye_encoder(WEIGHTS)
+    eyes, encoder = cameras(specs, clock), load_eye_encoder(WEIGHTS)
+    source = LiveSource(None, eyes, clock)
 
     def name(target: "RoutineStep") -> None:
         print(words_of(target), flush=True)
 
+    def problems() -> str:
+        return ", ".join(f"{eye.name}: {eye.problem}" for eye in eyes if eye.problem)
+
     if port is None:
-        return collect(source, encoder, clock, name, live=True)
+        return collect(source, encoder, clock, name, live=True, problems=problems)
     with _page(host, port, clock) as page:
 
         def show(target: "RoutineStep") -> None:
             name(target)
             page.link.say(target={**asdict(target), "words": words_of(target)})
 
-        return collect(source, encoder, clock, show, live=True)
+        return collect(source, encoder, clock, show, live=True, problems=problems)
 
 
 @contextmanager

@@ -43,7 +43,7 @@ def with_call(parts: Drive, link: CallLink) -> Drive:
     muted does not reach the driver."""
     panel = CallPanel(parts.panel, link) if parts.panel else None
     source = Gate(parts.source, link)
-    return replace(parts, source=source, sinks=[*parts.sinks, CallSink(link)], panel=panel)
+    return replace(parts, source=source, sinks=[*parts.sinks, CallSink(link, tell)], panel=panel)
 
 
 class _Collect:

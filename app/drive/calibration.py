@@ -1,6 +1,7 @@
 """Eye calibrations on disk: the user's profile for live runs, the session for its replay."""
 
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from sensors import files, folders
@@ -25,6 +26,19 @@ def of_user(path: Path | None = None) -> "EyeCalibration | None":
     return EyeCalibration.load(path) if path.is_file() else None
 
 
+def check_writable(path: Path) -> None:
+    """Before the work that makes a calibration. Raises InputError where `path` cannot be one."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        files.check_regular(path)
+        TemporaryFile(dir=path.parent).close()
+    except OSError as error:
+        raise InputError(
+            f"calibrate: expected a folder to write into, got {path.parent}: {error.strerror}; "
+            "choose a file with --out FILE"
+        ) from None
+
+
 def keep(calibration: "EyeCalibration", path: Path) -> None:
     """Write the user's file; what it held is kept beside it, for `undo`."""
     before = _before(path)
@@ -42,14 +56,14 @@ def undo(path: Path) -> bool:
             f"calibrate --undo: expected a calibration in {path}, got none; "
             "make one with livedrive calibrate --eyes SPEC"
         )
-    old = files.read_bytes(before) if before.is_file() else None
-    before.unlink(missing_ok=True)
+    found, spare = before.is_file(), path.with_name(f"{path.stem}.undone{path.suffix}")
     if path.is_file():
-        files.write_bytes(before, files.read_bytes(path), private=True)
-        path.unlink()
-    if old is not None:
-        files.write_bytes(path, old, private=True)
-    return old is not None
+        path.replace(spare)
+    if found:
+        before.replace(path)
+    if spare.is_file():
+        spare.replace(before)
+    return found
 
 
 def _before(path: Path) -> Path:

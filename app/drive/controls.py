@@ -22,6 +22,9 @@ class Controls:
     closed: bool = False  # end the run
 
 
+SHARED = ("avatar", "emotion", "muted")  # fields that people at a page may change, too
+
+
 class ControlPanel(Protocol):
     """Where controls come from: the window, or a test."""
 
@@ -38,19 +41,22 @@ class WithPage:
         panel: ControlPanel | None,  # None: there is the page alone
         picks: Callable[[], dict[str, Any]],  # fields of Controls, new since the last call
         avatar: str,
+        tell: Callable[[dict[str, Any]], None] = lambda _: None,  # what was changed at the panel
     ) -> None:
-        self._panel, self._picks = panel, picks
+        self._panel, self._picks, self._tell = panel, picks, tell
         self._before = Controls(avatar=avatar)
         self._picked: dict[str, Any] = {}
         self._started = False
 
     def read(self) -> Controls:
         wanted = self._panel.read() if self._panel else self._before
-        if self._started:
-            changed = {k for k in self._picked if getattr(wanted, k) != getattr(self._before, k)}
-            self._picked = {k: v for k, v in self._picked.items() if k not in changed}
+        new = {k: getattr(wanted, k) for k in SHARED} if self._started else {}
+        changed = {k: v for k, v in new.items() if v != getattr(self._before, k)}
         self._before, self._started = wanted, True
-        self._picked |= self._picks()
+        picks = self._picks()
+        self._picked = {k: v for k, v in self._picked.items() if k not in changed} | picks
+        if told := {k: v for k, v in changed.items() if k not in picks}:
+            self._tell(told)
         return replace(wanted, **self._picked)
 
 

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from encoder.eyes.routine import EyeFit, RoutineStep, TargetSamples
 
 LEAD_S = 2.0  # before the first target, to get ready
+CAMERAS_S = 10.0  # that cameras may take to open
 
 
 def words_of_fit(eye: "EyeFit") -> str:
@@ -44,9 +45,11 @@ def collect(
     show: "Callable[[RoutineStep], None]",
     *,
     live: bool,
+    problems: Callable[[], str] = str,
 ) -> "list[TargetSamples]":
     """Follow the routine's schedule on the source's own time and encode what is seen; `show` gets
-    each target as its time begins."""
+    each target as its time begins. A live routine begins with the first pictures; `problems`: why
+    a camera has none. Raises InputError where it has none for too long."""
     from encoder.eyes.encoder import new_encoder_state
     from encoder.eyes.routine import ROUTINE, TargetSamples
     from sensors.assemble import Assembler
@@ -54,6 +57,7 @@ def collect(
     lead = int(LEAD_S * FPS) if live else 0
     edges = lead + np.cumsum([0, *(int(target.seconds * FPS) for target in ROUTINE)])
     assembler, rows, shown, state = Assembler(), list[Any](), -1, new_encoder_state()
+    seen, waited = not live, 0
     source.open()
     try:
         while len(rows) < edges[-1] and not source.exhausted:
@@ -61,6 +65,15 @@ def collect(
             for packet in packets:
                 assembler.push(packet)
             for frame in assembler.ready():
+                if not seen and (problems() or frame.eyes is None):
+                    waited += 1
+                    if waited > CAMERAS_S * FPS:
+                        raise InputError(
+                            "calibrate: expected pictures of the eyes, got none: "
+                            f"{problems() or 'no camera sends'}; see livedrive devices"
+                        )
+                    continue
+                seen = True
                 place = int(np.searchsorted(edges, len(rows), side="right")) - 1
                 if place != shown and 0 <= place < len(ROUTINE):
                     shown = place

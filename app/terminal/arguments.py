@@ -45,7 +45,9 @@ Listening = Annotated[int, _whole(0, 65535)]
 
 
 def check_host(host: str, web: int | None) -> None:
-    """Raise InputError for an address without a page that would listen there."""
+    """Raise InputError for no address, or one without a page that would listen there."""
+    if not host.strip("[] "):  # a script's empty variable; it would mean every address
+        raise InputError(f"--host: expected an address, got {host!r}; try --host {LOOPBACK}")
     if host != LOOPBACK and web is None:
         raise InputError(
             f"--host {host}: expected a page that listens there, got no --web; add --web 8443"

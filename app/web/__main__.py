@@ -29,7 +29,10 @@ def main() -> None:
     except InputError as error:
         _fail(end, str(error))
     except OSError as error:
-        _fail(end, str(cannot_listen("web", info.host, info.port, error)))
+        if error.filename:  # of the certificate, its key or the token
+            _fail(end, f"web: expected to use {error.filename}, got: {error.strerror}; check it")
+        option = "--web" if info.page else ""
+        _fail(end, str(cannot_listen("web", info.host, info.port, error, option)))
 
 
 def _fail(end: Channel, problem: str) -> None:

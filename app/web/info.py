@@ -1,9 +1,13 @@
 """Settings of the web server, passed to its process at the start."""
 
 import ipaddress
+import socket
 from dataclasses import dataclass
 
+import psutil
+
 from render.types import SHARED_DENSITY, Density
+from sensors.types import LOOPBACK
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,15 @@ class ServerInfo:
     @property
     def is_local(self) -> bool:
         return is_loopback(self.host)
+
+    @property
+    def hosts(self) -> list[str]:
+        """What a headset can type to reach this machine."""
+        if self.host not in ("0.0.0.0", "::"):
+            return [self.host]
+        known = [entry for net in psutil.net_if_addrs().values() for entry in net]
+        found = [entry.address for entry in known if entry.family == socket.AF_INET]
+        return [address for address in found if not is_loopback(address)] or [LOOPBACK]
 
 
 def is_loopback(host: str) -> bool:

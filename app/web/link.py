@@ -82,7 +82,8 @@ class ServerLink:
             self.ended = True
 
     def say(self, **words: Any) -> None:
-        """Tell the server `emotions` that a page may pick, or the `target` of a calibration."""
+        """Tell the server `emotions` that a page may pick, `controls` changed elsewhere, or the
+        `target` of a calibration."""
         with contextlib.suppress(OSError):
             self._end.send(json.dumps(words).encode())
 

@@ -14,7 +14,6 @@ import time
 from pathlib import Path
 from typing import Any
 
-import psutil
 from aiohttp import hdrs, web
 
 from app.call.wire.invite import in_url
@@ -24,7 +23,7 @@ from app.web import access, certificate
 from app.web.feed import AvatarFeed
 from app.web.guard import ConnectionLimiter, Handler, RateLimit, check, listen
 from app.web.hub import Hub
-from app.web.info import ServerInfo, is_loopback
+from app.web.info import ServerInfo
 from app.web.link import PICKS, SOUND, STATUS, TICK, unpack_tick
 from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
@@ -127,7 +126,7 @@ class WebServer:
             app.router.add_get("/", self._serve_names)
 
     def _tls(self) -> ssl.SSLContext:
-        hosts = [*self._hosts(), "localhost", LOOPBACK, socket.gethostname()]
+        hosts = [*self._info.hosts, "localhost", LOOPBACK, socket.gethostname()]
         paths = certificate.ensure(certificate.folder(), hosts, self._now_s)
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
         try:
@@ -139,17 +138,9 @@ class WebServer:
             ) from None
         return context
 
-    def _hosts(self) -> list[str]:
-        """What a headset can type to reach this machine."""
-        if self._info.host not in ("0.0.0.0", "::"):
-            return [self._info.host]
-        known = [entry for net in psutil.net_if_addrs().values() for entry in net]
-        found = [entry.address for entry in known if entry.family == socket.AF_INET]
-        return [address for address in found if not is_loopback(address)] or [LOOPBACK]
-
     def _addresses(self, port: int, token: str | None) -> list[str]:
         scheme = ("http" if self._info.page else "ws") + ("s" if token else "")
-        hosts = [self._info.host] if token is None else self._hosts()
+        hosts = [self._info.host] if token is None else self._info.hosts
         query = f"?token={token}" if token else ""
         return [f"{scheme}://{in_url(host)}:{port}/{query}" for host in hosts]
 
@@ -177,6 +168,8 @@ class WebServer:
             return
         said = json.loads(packet)
         self._picks.emotions = said.get("emotions", self._picks.emotions)
+        with contextlib.suppress(InputError):  # an avatar whose file is gone: the old one stays
+            self._follow(said.get("controls", {}))
         if "target" in said:
             self._targets.post(json.dumps(said["target"]).encode())
 
@@ -210,16 +203,20 @@ class WebServer:
             raise web.HTTPTooManyRequests(text="Too many changes.\n")
         try:
             asked = self._picks.read(await request.read())
-            if asked.get("avatar", self._picks.state["avatar"]) != self._picks.state["avatar"]:
-                self._head.show(asked["avatar"])
-                self._cloud = (-1, b"")
-                self._clouds.begin(self._head.base)
+            self._follow(asked)
         except ValueError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from None
-        self._picks.state |= asked
         with contextlib.suppress(OSError):  # the loop is gone
             self._end.send(PICKS + json.dumps(asked).encode())
         return web.json_response(self._picks.state)
+
+    def _follow(self, changed: dict[str, Any]) -> None:
+        """Show who is to be shown, and tell how it stands. Raises InputError."""
+        if changed.get("avatar", self._picks.state["avatar"]) != self._picks.state["avatar"]:
+            self._head.show(changed["avatar"])
+            self._cloud = (-1, b"")
+            self._clouds.begin(self._head.base)
+        self._picks.state |= changed
 
     async def _serve_clouds(self, request: web.Request) -> web.StreamResponse:
         newest = [self._newest_cloud(self._newest)] if self._newest else []

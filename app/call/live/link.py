@@ -179,13 +179,16 @@ class CallMicrophone:
 class CallSink:
     """Sends every tick to the call."""
 
-    def __init__(self, link: CallLink) -> None:
-        self._link = link
+    def __init__(self, link: CallLink, tell: Callable[[str], None]) -> None:
+        self._link, self._tell, self._told = link, tell, False
 
     def on_start(self, info: RunInfo) -> None: ...
 
     def on_frame(self, result: FrameResult) -> None:
         self._link.read()
+        if self._link.ended and not self._link.error and not self._told:
+            self._told = True
+            self._tell("the call's process has ended, nobody hears you; driving goes on, q leaves")
         driven = result.driven
         tick = Tick(
             index=driven.index,

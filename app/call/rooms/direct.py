@@ -13,6 +13,7 @@ from app.call.media.connection import Connection
 from app.call.media.srtp import Stream
 from app.call.rooms.room import (
     ANSWER,
+    BYE,
     CONNECT_S,
     OFFER,
     RETRY_S,
@@ -133,7 +134,7 @@ class DirectHost(DirectRoom):
             try:
                 await web.TCPSite(runner, *self._listen, ssl_context=self._tls).start()
             except OSError as error:
-                raise cannot_listen("call host", *self._listen, error) from None
+                raise cannot_listen("call host", *self._listen, error, "--port") from None
             self.port.set_result(runner.addresses[0][1])
             while True:
                 await self._keep_connected()
@@ -196,6 +197,7 @@ class DirectGuest(DirectRoom):
     def __init__(self, invite: Invite, events: Events, line: LineSettings) -> None:
         super().__init__(events, line)
         self._invite = invite
+        self._over = False  # the host has left, and its call with it
 
     async def run(self) -> None:
         import aiohttp
@@ -226,10 +228,17 @@ class DirectGuest(DirectRoom):
                             f"call join: expected somebody at {host}:{invite.port}, got: "
                             f"{why(error)}; ask whether the call is open"
                         ) from None
+                if self._over:
+                    self._events.tell("the call is over: who opened it has left; q leaves")
+                    await asyncio.get_running_loop().create_future()  # there is nobody to dial
                 if told != self._partner:
                     told = self._partner
                     self._events.tell("the connection is lost; dialling again until it is back")
                 await asyncio.sleep(RETRY_S)
+
+    async def _take(self, identity: str, message: bytes) -> None:
+        self._over = message[:1] == BYE
+        await super()._take(identity, message)
 
 
 async def _post(socket: "Socket", sealed: bytes) -> None:

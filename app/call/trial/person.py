@@ -7,6 +7,7 @@ On a line of the input, "begin" counts anew and "report" prints what became of e
 import asyncio
 import json
 import os
+import signal
 import sys
 import time
 from dataclasses import dataclass
@@ -134,6 +135,7 @@ async def run(settings: PersonSettings) -> None:
     await asyncio.wait([room, talk], return_when=asyncio.FIRST_COMPLETED)
     if room.done():
         room.result()
+    os._exit(0)  # aiortc leaves tasks behind that log errors, or do not end
 
 
 def _tell(line: str) -> None:
@@ -146,5 +148,5 @@ def _say(value: dict[str, object]) -> None:
 
 
 if __name__ == "__main__":
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the trial, which closes our input
     asyncio.run(run(PersonSettings(**json.loads(sys.argv[1]))))
-    os._exit(0)  # aiortc leaves tasks behind that log errors

@@ -4,10 +4,11 @@ import getpass
 import socket
 import sys
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import tyro
 from tyro.conf import Positional, subcommand
@@ -85,7 +86,7 @@ class CallOptions(LiveDriveOptions):
                 parts = run.build(tape, [SensorNotes(run.source, tell)])
                 invite = link.start(run.clock)  # now that all else that was asked for is there
                 print(self.opening(invite), flush=True)
-                listen_to_keys(link, run.source.stop)
+                listen_to_keys(link, run.source.stop, tell, self.accept)
                 summary = drive(with_call(parts, link))
                 tape.close()
         finally:
@@ -182,27 +183,44 @@ def _check_address(address: str) -> None:
         ) from None
 
 
-def listen_to_keys(link: "CallLink", stop: Any) -> None:
+def listen_to_keys(
+    link: "CallLink", stop: Callable[[], None], tell: Callable[[str], None], accepted: bool
+) -> None:
     """Consent typed in the terminal is read in a thread, as reading blocks."""
 
     def read() -> None:
+        has_accepted = accepted
         for line in sys.stdin:
             word = line.strip().lower()
-            if word in ("y", "yes"):
-                link.change(accepted=True)
-            elif word == "m":
-                link.change(muted=not link.muted)
-            elif word == "e":
-                link.change(eyes_muted=not link.eyes_muted)
-            elif word == "r":
-                link.change(may_record=True)
-            elif word == "a":
-                link.change(takes_avatars=True)
-            elif word == "q":
+            if word == "q":
                 stop()
                 return
+            has_accepted |= word in ("y", "yes")
+            tell(obey(link, word))
+        unheard = "" if has_accepted else ", and you have not accepted: start with --accept"
+        tell(f"the terminal has ended: nothing can be typed{unheard}")
 
     threading.Thread(target=read, name="call keys", daemon=True).start()
+
+
+def obey(link: "CallLink", word: str) -> str:
+    """Do what was typed; a line about how it stands now."""
+    if word in ("y", "yes"):
+        link.change(accepted=True)
+        return "you have accepted"
+    if word == "m":
+        link.change(muted=not link.muted)
+        return "your voice is muted" if link.muted else "your voice is not muted"
+    if word == "e":
+        link.change(eyes_muted=not link.eyes_muted)
+        return "your eyes are muted" if link.eyes_muted else "your eyes are not muted"
+    if word == "r":
+        link.change(may_record=True)
+        return "you agree to be recorded"
+    if word == "a":
+        link.change(takes_avatars=True)
+        return "you take avatars that are offered"
+    return KEYS
 
 
 @dataclass(kw_only=True)

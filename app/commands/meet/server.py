@@ -64,7 +64,10 @@ class Server:
         print(f"next: livedrive call host --room NAME --key {quote(str(key))} \\", flush=True)
         print(f"  --server '{scheme}://{shown}:{self.port}{fragment}'", flush=True)
 
+        signals = list[int]()
+
         def stop(number: int, frame: object) -> None:  # noqa: ARG001
+            signals.append(number)
             process.terminate()
 
         signal.signal(signal.SIGTERM, stop)
@@ -72,6 +75,8 @@ class Server:
             status = process.wait()
         finally:
             process.kill()
+        if signals:
+            raise KeyboardInterrupt
         raise OSError(f"call server: Janus ended with status {status}; see {self.folder}/janus.log")
 
 
@@ -81,7 +86,7 @@ def _check_free(host: str, port: int) -> None:
     try:
         socket.create_server((host, port), family=family).close()
     except (OSError, TypeError) as error:  # TypeError: a name that no address can have
-        raise cannot_listen("call server", host, port, error) from None
+        raise cannot_listen("call server", host, port, error, "--port") from None
 
 
 def _check_range(ports: str) -> None:

@@ -3,7 +3,7 @@
 // `?bare` hides the controls, for use as a browser source in other programs.
 
 import { Orbit, place, multiply } from "./camera.js";
-import { offerControls } from "./controls.js";
+import { Controls } from "./controls.js";
 import { Headset } from "./xr.js";
 import { Microphone } from "./microphone.js";
 import { PoseSender } from "./pose.js";
@@ -23,10 +23,13 @@ const sockets = location.href.replace(/^http/, "ws").replace(/[?#].*/, "").repla
 const stats = { frame: -1, updates: 0, draws: 0, asked: 0, sorted: 0 };
 globalThis.livedrive = stats;
 let mirror = false;
+let offers = null;      // what livedrive has for a page, and how its controls stand
 let poses = null;       // where livedrive listens to the headset
 let stale = true;       // the canvas must be drawn anew
 let fresh = false;      // what the worker sent last was not drawn yet
 let asked = [0, 0, 0];  // direction of the last order
+let connected = false;  // ticks can come
+const COMPLAINT_MS = 8000;  // that something a person tried and that failed is shown
 document.body.classList.toggle("bare", new URLSearchParams(location.search).has("bare"));
 
 // The order is asked for again when the head is seen from a new side.
@@ -78,7 +81,10 @@ const headset = new Headset(gl, {
 });
 
 worker.onmessage = ({ data }) => {
-  if (data.kind === "state") return headset.targets ? null : say(data.text);
+  if (data.kind === "state") {
+    connected = !data.text;
+    return headset.targets ? null : say(data.text);
+  }
   if (data.kind === "base") return splats.setBase(data);
   if (data.kind === "tick") return stats.updates = data.updates;
   splats.set(data.words, data.sorted, data.neck);
@@ -91,24 +97,29 @@ worker.postMessage({ address: `${sockets}head` });
 const microphone = new Microphone(`${sockets}microphone`, (problem) => {
   get("microphone").setAttribute("aria-pressed", microphone.on);
   get("microphone").textContent = microphone.on ? "Microphone on" : "Use this microphone";
-  if (problem) say(problem);
+  if (problem) complain(problem);
 });
 stats.microphone = microphone;
 
 const sound = stats.sound = new Sound(`${sockets}sound`, (problem) => {
   get("sound").setAttribute("aria-pressed", sound.on);
-  if (problem) say(problem);
+  if (problem) complain(problem);
 });
 
-let told = "", since = performance.now(), seen = 0;
+let told = "", complaint = "", since = performance.now(), seen = 0;
 function say(text) {
-  told = text;
+  [told, complaint] = [text, ""];
   get("state").textContent = text;
+}
+function complain(text) {
+  get("state").textContent = complaint = text;
+  setTimeout(() => complaint === text && say(told), COMPLAINT_MS);
 }
 setInterval(() => {
   const now = performance.now(), rate = (stats.updates - seen) * 1000 / (now - since);
   [since, seen] = [now, stats.updates];
-  if (!told) get("state").textContent = `frame ${stats.frame}, ${rate.toFixed(0)} a second`;
+  if (!told && !complaint) get("state").textContent = `frame ${stats.frame}, ${rate.toFixed(0)} a second`;
+  if (connected && offers) keepUp();
 }, 1000);
 
 get("vr").onclick = async () => {
@@ -119,7 +130,7 @@ get("vr").onclick = async () => {
     headset.targets?.start();
     get("vr").textContent = "Leave VR";
   } catch (error) {
-    say(`VR: ${error.message}`);
+    complain(`VR: ${error.message}`);
   }
 };
 get("mode").onclick = () => {
@@ -132,14 +143,14 @@ get("microphone").onclick = async () => {
   try {
     await (microphone.on ? microphone.stop() : microphone.start());
   } catch (error) {
-    say(`microphone: ${error.message}`);
+    complain(`microphone: ${error.message}`);
   }
 };
 get("sound").onclick = async () => {
   try {
     await (sound.on ? sound.stop() : sound.start());
   } catch (error) {
-    say(`sound: ${error.message}`);
+    complain(`sound: ${error.message}`);
   }
 };
 get("full").onclick = () =>
@@ -156,7 +167,33 @@ canvas.onwheel = (event) => {
   stale = true;
 };
 
-const offers = await (await fetch("offers")).json();
+const controls = new Controls(get, complain);
+async function ask() {
+  try {
+    const answer = await fetch("offers");
+    return answer.ok ? await answer.json() : null;
+  } catch {
+    return null;  // livedrive is not there, which the worker tells
+  }
+}
+// Others change the run, and it may be another one since the page was opened.
+async function keepUp() {
+  const { answers } = controls, now = await ask();
+  if (!now) return;
+  if (now.targets !== offers.targets) return location.reload();
+  offers = now;
+  if (!offers.targets && controls.isUpTo(answers)) controls.show(offers.controls);
+  offer();
+}
+function offer() {
+  if (!offers.head) poses?.stop();
+  poses = offers.head ? poses ?? new PoseSender(`${sockets}pose`, complain) : null;
+  get("sound").hidden = !offers.sound;
+  get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
+}
+
+drawFlat();
+while (!(offers = await ask())) await new Promise((done) => setTimeout(done, 1000));
 if (offers.targets) {
   headset.targets = new Targets(`${sockets}targets`, get("target"), say);
   get("start").hidden = false;
@@ -167,10 +204,7 @@ if (offers.targets) {
   get("mode").hidden = true;
   say("sit 60 cm before the screen, or enter VR");
 } else {
-  offerControls(get, offers.controls, say);
+  controls.show(offers.controls);
 }
-if (offers.head) poses = new PoseSender(`${sockets}pose`);
+offer();
 get("vr").hidden = !(await Headset.supported());  // last: who enters at once sends poses
-get("sound").hidden = !offers.sound;
-get("microphone").hidden = !offers.microphone || !navigator.mediaDevices;
-drawFlat();

@@ -1,19 +1,36 @@
 // The microphone of this device as a source of livedrive: untouched sound, counted.
 
+import { Line } from "./line.js";
+
 const RATE = 48000;
 const MAX_WAITING = RATE;  // bytes that may wait in the socket: a quarter of a second
 
 export class Microphone {
   constructor(address, changed) {
-    Object.assign(this, { address, changed, context: null, sent: 0, skipped: 0 });
+    Object.assign(this, { address, changed, sent: 0, skipped: 0 });
+    Object.assign(this, { stream: null, context: null, line: null, starting: false });
   }
 
   get on() {
-    return this.context !== null;
+    return this.line !== null;
   }
 
   async start() {
-    const stream = await navigator.mediaDevices.getUserMedia({
+    if (this.starting) return;  // the browser still asks for permission
+    this.starting = true;
+    try {
+      await this.open();
+    } catch (error) {
+      await this.stop();  // whatever has been opened
+      throw error;
+    } finally {
+      this.starting = false;
+    }
+    this.changed("");
+  }
+
+  async open() {
+    this.stream = await navigator.mediaDevices.getUserMedia({
       audio: {
         channelCount: 1, sampleRate: RATE,
         echoCancellation: false, noiseSuppression: false, autoGainControl: false,
@@ -24,35 +41,32 @@ export class Microphone {
     const node = new AudioWorkletNode(this.context, "chunks", {
       numberOfInputs: 1, numberOfOutputs: 0, channelCount: 1, channelCountMode: "explicit",
     });
-    this.stream = stream;
-    this.socket = new WebSocket(this.address);
-    this.socket.onclose = ({ reason }) => this.stop(`microphone: ${reason || "the run has ended"}`);
     node.port.onmessage = ({ data }) => this.send(data);
-    this.context.createMediaStreamSource(stream).connect(node);
-    this.changed("");
+    this.context.createMediaStreamSource(this.stream).connect(node);
+    const ended = (reason) => this.stop(`microphone: ${reason || "livedrive is gone"}`);
+    this.line = new Line(this.address, ended);
   }
 
   // What does not fit is left out; the counter tells the receiver.
   send({ first, samples }) {
-    if (this.socket.readyState !== WebSocket.OPEN || this.socket.bufferedAmount > MAX_WAITING) {
+    if (!this.line?.takes(MAX_WAITING)) {
       this.skipped++;
       return;
     }
     const message = new ArrayBuffer(8 + samples.byteLength);
     new DataView(message).setBigInt64(0, BigInt(first), true);
     new Float32Array(message, 8).set(samples);
-    this.socket.send(message);
+    this.line.send(message);
     this.sent++;
   }
 
   async stop(problem = "") {
-    const { context, stream, socket } = this;
-    if (!context) return;
-    this.context = null;
-    socket.onclose = null;
-    socket.close();
+    const { context, stream, line } = this;
+    if (!stream) return;
+    Object.assign(this, { stream: null, context: null, line: null });
+    line?.close();
     stream.getTracks().forEach((track) => track.stop());
-    await context.close();
+    await context?.close();
     this.changed(problem);
   }
 }

@@ -1,11 +1,13 @@
 // The voices of a call at this page: 10 ms of 48 kHz a message, played as an even stream.
 
+import { Line } from "./line.js";
+
 const RATE = 48000;
 
 export class Sound {
   // `changed(problem)` is told when it begins and ends.
   constructor(address, changed) {
-    Object.assign(this, { address, changed, context: null, level: 0 });
+    Object.assign(this, { address, changed, context: null, line: null, level: 0 });
   }
 
   get on() {
@@ -13,26 +15,26 @@ export class Sound {
   }
 
   async start() {
-    this.context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
-    await this.context.audioWorklet.addModule("player.js");
-    this.node = new AudioWorkletNode(this.context, "player", {
+    const context = this.context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
+    await context.audioWorklet.addModule("player.js");
+    if (this.context !== context) return;  // switched off meanwhile
+    const node = this.node = new AudioWorkletNode(context, "player", {
       numberOfInputs: 0, numberOfOutputs: 1, outputChannelCount: [1],
     });
-    this.node.port.onmessage = ({ data }) => this.level = data;
-    this.node.connect(this.context.destination);
-    this.socket = new WebSocket(this.address);
-    this.socket.binaryType = "arraybuffer";
-    this.socket.onmessage = ({ data }) => this.node.port.postMessage(data, [data]);
-    this.socket.onclose = () => this.stop("sound: the call has ended");
+    node.port.onmessage = ({ data }) => this.level = data;
+    node.connect(context.destination);
+    this.line = new Line(this.address, () => this.stop("sound: the call has ended"), (socket) => {
+      socket.binaryType = "arraybuffer";
+      socket.onmessage = ({ data }) => node.port.postMessage(data, [data]);
+    });
     this.changed("");
   }
 
   async stop(problem = "") {
-    const { context, socket } = this;
+    const { context, line } = this;
     if (!context) return;
-    this.context = null;
-    socket.onclose = null;
-    socket.close();
+    Object.assign(this, { context: null, line: null });
+    line?.close();
     await context.close();
     this.changed(problem);
   }

@@ -15,21 +15,29 @@ export class Targets {
     if (this.socket) return;
     this.socket = new WebSocket(this.address);
     this.socket.onmessage = ({ data }) => this.show(JSON.parse(data));
-    this.socket.onclose = () => this.show(null);
+    this.socket.onclose = () => {
+      const done = this.target?.name === "close";
+      this.show(null);
+      this.say(`${done ? "done" : "stopped"}: back to the terminal`);
+    };
     this.say("look straight ahead");
   }
 
+  get isShown() {
+    return this.target?.name === "look";
+  }
+
   show(target) {
-    this.target = target?.name === "look" ? target : null;
-    const [x, y] = this.target ? direction(this.target) : [0, 0];
-    this.dot.hidden = !this.target;
+    this.target = target;
+    const [x, y] = this.isShown ? direction(target) : [0, 0];
+    this.dot.hidden = !this.isShown;
     this.dot.style.transform = `translate(${x * SCREEN_PX}px, ${-y * SCREEN_PX}px)`;
-    this.say(target?.words ?? "done: back to the terminal");
+    if (target) this.say(target.words);
   }
 
   // Into one eye's viewport of a headset; `eye` is that eye in the space of the head.
   draw(gl, port, projection, eye) {
-    if (!this.target) return;
+    if (!this.isShown) return;
     const [x, y] = direction(this.target);
     const at = [x * AWAY, y * AWAY, -AWAY, 1];
     const [cx, cy, , w] = apply(projection, apply(eye, at));

@@ -22,11 +22,16 @@ export class Headset {
 
   async enter() {
     const session = await navigator.xr.requestSession("immersive-vr");
-    await this.gl.makeXRCompatible();
-    session.updateRenderState({
-      baseLayer: new XRWebGLLayer(session, this.gl, { antialias: false, alpha: false }),
-    });
-    this.space = await session.requestReferenceSpace("local");
+    try {
+      await this.gl.makeXRCompatible();
+      session.updateRenderState({
+        baseLayer: new XRWebGLLayer(session, this.gl, { antialias: false, alpha: false }),
+      });
+      this.space = await session.requestReferenceSpace("local");
+    } catch (error) {
+      await session.end();  // else the headset stays dark
+      throw error;
+    }
     this.where = null;
     this.session = session;
     session.addEventListener("end", () => {

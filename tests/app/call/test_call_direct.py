@@ -16,7 +16,7 @@ from app.call.media.connection import bind_only
 from app.call.rooms import direct
 from app.call.rooms.direct import PATH, STRANGERS, DirectGuest, DirectHost
 from app.call.rooms.listen import host_direct
-from app.call.rooms.room import LineSettings
+from app.call.rooms.room import RETRY_S, LineSettings
 from app.call.trial.judge import lips_error_mm
 from app.call.trial.material import synthetic_material
 from app.call.trial.relay import LINES
@@ -180,6 +180,23 @@ def test_the_wrong_secret_is_shown_out_and_the_call_goes_on() -> None:
                 async with guest(third, invite) as task:
                     with pytest.raises(InputError, match="room"):
                         await asyncio.wait_for(task, PATIENCE_S)
+
+    asyncio.run(scene())
+
+
+def test_who_was_left_by_the_host_dials_no_more() -> None:
+    """Red before: "dialling again until it is back", for ever, where nobody can come back."""
+
+    async def scene() -> None:
+        secret = secrets.token_bytes(16)
+        ann, ben = End(secret, "Ann"), End(secret, "Ben")
+        async with host(ann, secret) as (room, invite), guest(ben, invite) as task:
+            await until(lambda: ann.call.partners and ben.call.partners, ann, ben)
+            ann.call.say_bye()
+            await room.close()
+            await until(lambda: any("the call is over" in line for line in ben.told))
+            await asyncio.sleep(2 * RETRY_S)
+            assert not task.done() and not any("dialling" in line for line in ben.told)
 
     asyncio.run(scene())
 

@@ -9,11 +9,15 @@ import pytest
 from app.call.live import protocol
 from app.call.live.echo import BLOCK, EchoCanceller
 from app.call.live.gate import Gate
+from app.call.live.link import CallSink
 from app.call.live.tape import CallTape
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
+from app.commands.meet.call import KEYS, obey
 from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
+from app.drive.sink import FrameResult
+from encoder.types import DrivenFrame
 from render.types import AHEAD
 from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo
 
@@ -64,7 +68,7 @@ def test_ticks_and_sound_cross_as_they_are() -> None:
 
 
 class Link:
-    muted = eyes_muted = False
+    muted = eyes_muted = ended = False
     error = ""
 
     def __init__(self) -> None:
@@ -72,6 +76,10 @@ class Link:
 
     def change(self, **state: object) -> None:
         self.changes.append(state)
+        vars(self).update(state)
+
+    def read(self) -> None: ...
+    def post(self, packet: bytes) -> None: ...
 
 
 class Recorder:
@@ -143,3 +151,27 @@ def test_a_call_that_has_failed_ends_the_run() -> None:
     assert not gate.exhausted
     link.error = "call join: expected somebody"
     assert gate.exhausted
+
+
+def test_a_call_whose_process_is_gone_is_told_once() -> None:
+    """Red before: the run went on without a word, and nobody heard it."""
+    link, told = Link(), list[str]()
+    sink = CallSink(link, told.append)  # type: ignore[arg-type]
+    driven = DrivenFrame(0, 0, np.zeros(256, np.float32), AHEAD)
+    result = FrameResult(None, driven, None)  # type: ignore[arg-type]
+    sink.on_frame(result)
+    assert not told
+    link.ended = True
+    for _ in range(3):
+        sink.on_frame(result)
+    assert len(told) == 1 and "nobody hears you" in told[0]
+
+
+def test_what_is_typed_is_answered() -> None:
+    """Red before: nothing was said, so nobody at a terminal knew whether they were muted."""
+    link = Link()
+    words = ["m", "m", "e", "y", "r", "a"]
+    said = [obey(link, word) for word in words]  # type: ignore[arg-type]
+    assert said[0] == "your voice is muted" and said[1] == "your voice is not muted"
+    assert "eyes are muted" in said[2] and "accepted" in said[3] and len(link.changes) == 6
+    assert obey(link, "mute") == KEYS and len(link.changes) == 6  # type: ignore[arg-type]

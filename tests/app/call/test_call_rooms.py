@@ -2,9 +2,11 @@
 
 import asyncio
 import json
+import signal
+import socket
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -24,6 +26,7 @@ from app.call.rooms.janus_server import (
 from app.call.rooms.room import Events, LineSettings
 from app.call.trial import room
 from app.call.trial.material import synthetic_material
+from app.call.trial.person import PersonSettings
 from app.call.trial.room import RoomSettings
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite, parse
@@ -48,6 +51,22 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
         assert len(reports) == 2 and all(r["packets"] > 20 and not r["refused"] for r in reports)
     names = {row["name"] for row in room.metrics_of(found)["bars"]}
     assert {"room: back_s", "room: together", "room: strangers_shut_out"} <= names
+
+
+def test_ctrl_c_leaves_nobody_in_the_room() -> None:
+    """Red before: who was just connecting stayed for ever."""
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        invite = replace(INVITE, port=silent.getsockname()[1])
+        settings = PersonSettings(name="Ann", host="127.0.0.1", invite=str(invite))
+        words = [sys.executable, "-m", "app.call.trial.person", json.dumps(asdict(settings))]
+        with subprocess.Popen(words, stdin=subprocess.PIPE) as person:
+            silent.settimeout(60)
+            end, _ = silent.accept()
+            person.send_signal(signal.SIGINT)
+            assert person.stdin
+            person.stdin.close()
+            assert person.wait(60) == 0
+            end.close()
 
 
 def test_a_room_spans_two_servers_and_comes_back_together() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import ClassVar
@@ -179,3 +180,37 @@ def test_a_session_without_eyes_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="pictures of the eyes"):
         Calibrate(session=tmp_path / "voice", out=tmp_path / "eyes.json").run()
     assert not (tmp_path / "eyes.json").exists()
+
+
+def test_the_routine_waits_for_the_cameras_and_names_one_that_is_missing() -> None:
+    """Red before: all targets were shown to nobody, and then no eye had been seen."""
+    said, left = list[str](), [7]
+
+    def opening() -> str:
+        left[0] -= 1
+        return "uvc:0: connecting" if left[0] > 0 else ""
+
+    def run(frames: int, problems: Callable[[], str]) -> list[TargetSamples]:
+        clock = ManualClock()
+        source = Pictures(frames)
+        show = lambda target: said.append(words_of(target))  # noqa: E731
+        return collect(source, grey, clock, show, live=True, problems=problems)  # type: ignore[arg-type]
+
+    takes = run(370, opening)
+    assert len(said) == len(ROUTINE) == len(takes) and left[0] <= 0
+    said.clear()
+    with pytest.raises(InputError, match=r"got none: uvc:9: no such device; see livedrive devices"):
+        run(600, lambda: "uvc:9: no such device")
+    assert not said
+
+
+def test_a_file_that_cannot_be_written_is_told_before_the_routine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the routine was done for nothing."""
+    monkeypatch.setattr(calibrate, "takes_of_cameras", lambda *words: pytest.fail("it began"))
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path, tmp_path / "file" / "eyes.json", Path("/proc/eyes.json")):
+        with pytest.raises(InputError):
+            Calibrate(eyes=("uvc:0",), out=path).run()
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]

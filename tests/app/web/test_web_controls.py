@@ -36,8 +36,8 @@ class Panel:
 
 
 def test_what_was_changed_last_holds() -> None:
-    panel, picks = Panel(), list[dict[str, Any]]()
-    both = WithPage(panel, lambda: picks.pop() if picks else {}, "ben")
+    panel, picks, told = Panel(), list[dict[str, Any]](), list[dict[str, Any]]()
+    both = WithPage(panel, lambda: picks.pop() if picks else {}, "ben", told.append)
     assert both.read() == panel.now
     picks.append({"emotion": "sad", "muted": True})
     assert both.read() == Controls(avatar="ben", emotion="sad", muted=True)
@@ -45,6 +45,7 @@ def test_what_was_changed_last_holds() -> None:
     assert both.read() == Controls(avatar="ben", emotion="happy", muted=True, recentred=1)
     picks.append({"emotion": None})
     assert both.read() == Controls(avatar="ben", muted=True, recentred=1)
+    assert told == [{"emotion": "happy"}]  # of the window's changes; the page knows its own
     alone = WithPage(None, lambda: {"avatar": "ada"}, "ben")
     assert alone.read() == Controls(avatar="ada")
 
@@ -119,3 +120,59 @@ def test_a_person_picks_at_the_page(browser: Any, talker: Talker, tmp_path: Path
     assert page.is_visible("#intensity") and page.problems == []
     page.screenshot(path=tmp_path / "page.png")
     page.close()
+
+
+def test_a_page_shows_what_was_changed_elsewhere(browser: Any, talker: Talker) -> None:
+    """Red before: it said "Muted" where the window had unmuted, and showed another avatar."""
+    link, page = talker.link, open_page(browser, talker.address, 900, 400)
+
+    def shows(avatar: str, emotion: str, muted: str) -> None:
+        ids = "['avatar', 'emotion', 'mute']"
+        wanted = [avatar, emotion, muted]
+        read = f"{ids}.map((id) => (({{ value, textContent }}) => value || (id === 'mute' ?"
+        read += " textContent : ''))(document.getElementById(id)))"
+        wait_until(lambda: page.evaluate(read) == wanted)
+
+    page.wait_for_selector("#mute:not([hidden])")
+    link.say(controls={"avatar": "ada", "emotion": "sad:0.5", "muted": True})
+    shows("ada", "sad", "Muted")
+    link.say(controls={"avatar": "nobody"})
+    link.say(controls={"emotion": "happy:0.5+sad:0.2", "muted": False})
+    shows("ada", "happy:0.5+sad:0.2", "Mute")
+    assert page.is_hidden("#intensity")
+    link.picks()
+    page.select_option("#emotion", "happy")
+    wait_until(lambda: link.picks().get("emotion", "").startswith("happy:"))
+    shows("ada", "happy", "Mute")
+    assert page.is_visible("#intensity") and page.problems == []
+    page.close()
+
+
+def test_what_cannot_be_changed_is_told_for_a_while(browser: Any, talker: Talker) -> None:
+    """Red before: "not changed" stood there until the page was loaded anew."""
+    page = open_page(browser, talker.address, 900, 400)
+    page.wait_for_selector("#mute:not([hidden])")
+    page.evaluate(
+        "void (fetch = ((real) => (what, how) => real(what, how && { ...how, body: 'x' }))(fetch))"
+    )
+    page.click("#mute")
+    wait_until(lambda: "not changed" in page.text_content("#state"))
+    wait_until(lambda: page.text_content("#state").startswith("frame"))
+    assert page.text_content("#mute") == "Mute"
+    page.close()
+
+
+def test_a_page_that_stays_open_shows_the_next_run(browser: Any, decoder: Decoder) -> None:
+    """Red before: it said "Muted" of a run that was not."""
+    with serving(decoder) as first:
+        port = int(first.address.rsplit(":", 1)[1].strip("/"))
+        page = open_page(browser, first.address, 900, 400)
+        page.wait_for_selector("#mute:not([hidden])")
+        page.click("#mute")
+        wait_until(lambda: page.text_content("#mute") == "Muted")
+    wait_until(lambda: page.text_content("#state").startswith("waiting"))
+    with serving(decoder, port=port, microphone=True) as second:
+        second.tick()
+        wait_until(lambda: page.text_content("#mute") == "Mute")
+        assert page.is_visible("#microphone")
+        page.close()

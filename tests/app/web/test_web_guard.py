@@ -135,6 +135,16 @@ def test_a_key_of_another_certificate_is_told(
         pass
 
 
+def test_a_folder_of_settings_that_cannot_be_used_is_told(
+    decoder: Decoder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: "expected to listen at 0.0.0.0, got: No such file; choose an address"."""
+    monkeypatch.setenv("XDG_CONFIG_HOME", "/proc")
+    told = pytest.raises(InputError, match="expected to use /proc/livedrive, got: No such")
+    with told, serving(decoder, host="0.0.0.0"):
+        pass
+
+
 def test_an_address_of_ipv6_can_be_opened(decoder: Decoder) -> None:
     with serving(decoder, host="::1") as talker:
         assert talker.address.startswith("http://[::1]:")
