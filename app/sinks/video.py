@@ -29,7 +29,8 @@ class VideoSink:
     def on_start(self, info: RunInfo) -> None:
         import av
 
-        options = {} if self._path.suffix == ".mkv" else {"movflags": "frag_keyframe+empty_moov"}
+        options = _movflags(self._path, "frag_keyframe+empty_moov")
+        options["flush_packets"] = "1"  # a fragment at once, not in lumps of 256 kB
         name = str(files.create(self._path, private=True))
         self._container: Any = av.open(name, "w", options=options)
         self._video = self._container.add_stream("libx264", rate=FPS)
@@ -74,23 +75,41 @@ def film(
     import av
 
     outputs.check("video", path, outputs.VIDEOS)
-    opened: Any = av.open(str(files.create(path)), "w")
-    with opened as container:
-        stream = voice = None
-        for picture in pictures:
-            if stream is None:
-                stream = container.add_stream("libx264", rate=FPS)
-                stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt = "yuv420p"
-                stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
-                if sound is not None:
-                    voice = container.add_stream("aac", rate=sample_rate, layout="mono")
-            layout = "rgba" if picture.shape[2] == 4 else "rgb24"
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
-        if stream is not None:
-            container.mux(stream.encode(None))
-        if voice is not None and sound is not None:
-            chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
-            chunk.sample_rate = sample_rate
-            container.mux(voice.encode(chunk))
-            container.mux(voice.encode(None))
+    options = _movflags(path, "faststart")  # plays before all of it has come
+    with files.replacing(path) as draft:
+        opened: Any = av.open(str(draft), "w", options=options)
+        with opened as container:
+            _film(container, pictures, sound, sample_rate)
+
+
+def _movflags(path: Path, flags: str) -> dict[str, str]:
+    """Options of the file's format, where it has such flags."""
+    return {} if path.suffix.lower() == ".mkv" else {"movflags": flags}
+
+
+def _film(
+    container: Any,
+    pictures: Iterable[NDArray[np.uint8]],
+    sound: NDArray[np.int16] | None,
+    sample_rate: int,
+) -> None:
+    import av
+
+    stream = voice = None
+    for picture in pictures:
+        if stream is None:
+            stream = container.add_stream("libx264", rate=FPS)
+            stream.height, stream.width = picture.shape[:2]
+            stream.pix_fmt = "yuv420p"
+            stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
+            if sound is not None:
+                voice = container.add_stream("aac", rate=sample_rate, layout="mono")
+        layout = "rgba" if picture.shape[2] == 4 else "rgb24"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
+    if stream is not None:
+        container.mux(stream.encode(None))
+    if voice is not None and sound is not None:
+        chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
+        chunk.sample_rate = sample_rate
+        container.mux(voice.encode(chunk))
+        container.mux(voice.encode(None))
