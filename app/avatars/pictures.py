@@ -62,7 +62,8 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
     columns = 3 if name != "all" else len(sheet.POSES)
     columns = columns if settings.sheet != "lights" else 4
     columns = 5 if settings.traverse else columns
-    Image.fromarray(sheet.grid(views, columns)).save(files.create(path))
+    with files.replacing(path) as draft:
+        Image.fromarray(sheet.grid(views, columns)).save(draft)
     renderer.close()
 
 

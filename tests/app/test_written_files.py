@@ -2,14 +2,16 @@
 
 import json
 import shutil
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from app.sinks.motion import save_npz
-from app.sinks.video import VideoSink
+from app.sinks.video import VideoSink, film
 from app.web import certificate
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.gaze_graph import GazeGraph
@@ -46,11 +48,40 @@ def start_video(path: Path) -> None:
     VideoSink(path).on_start(RunInfo(64, 64, None))
 
 
+def write_picture(path: Path) -> None:
+    from app.drive.sink import FrameResult, RunInfo
+    from app.sinks.pictures import PictureSink
+    from encoder.types import DrivenFrame
+    from render.types import AHEAD
+    from sensors.types import SensorFrame
+
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64, 4), np.uint8)
+    sensed = SensorFrame(0, 0, np.zeros(1600), None, np.zeros(2, bool), np.zeros(2), False)
+    sink = PictureSink(path.parent, 1)
+    sink.on_start(RunInfo(64, 64, None))
+    sink.on_frame(FrameResult(sensed, DrivenFrame(0, 0, np.zeros(256), AHEAD), noise))
+
+
+@contextmanager
+def full_disk(num_bytes: int) -> Generator[None]:
+    """No file can grow over this size."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (num_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
 WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "video": ("out.mp4", start_video),
     "motion": ("out.npz", lambda path: save_npz(path, {"x": np.zeros(1)})),
     "ply": ("out.ply", lambda path: ply.save(path, ONE)),
     "gltf": ("out.glb", lambda path: gltf.save(path, ONE)),
+    "film": ("out.mp4", lambda path: film(path, [np.zeros((64, 64, 3), np.uint8)] * 30)),
+    "picture": ("frame_000000.png", write_picture),
     "calibration": ("eyes.json", lambda path: EyeCalibration().save(path)),
     "gaze": ("gaze.npz", lambda path: GazeGraph.load().save(path)),
     "weights": ("ben.safetensors", save_weights),
@@ -97,3 +128,15 @@ def test_a_report_goes_into_no_link(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="got a link"):
         files.write_text(tmp_path / "out.json", json.dumps({}))
     assert (tmp_path / "mine").read_bytes() == MINE
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
+@pytest.mark.parametrize("kind", ["motion", "ply", "gltf", "film", "picture"])
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path, kind: str) -> None:
+    """Red before: the first part of a picture, PLY, glTF or film in the place of the old one."""
+    name, write = WRITERS[kind]
+    (tmp_path / name).write_bytes(MINE)
+    with full_disk(100), pytest.raises(OSError) as told:
+        write(tmp_path / name)
+    assert told.value.filename == str(tmp_path / name)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [MINE]
