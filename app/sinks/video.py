@@ -17,6 +17,35 @@ from sensors import files
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 
+class _Disk:
+    """What libav writes to: it hears of no failure, as it dies of one in a header and forgets one
+    in the last fragment. `check` raises it instead, and a Ctrl-C that came meanwhile."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, path.open("wb", buffering=0)  # at once, in case of a crash
+        self._failure: OSError | None = None
+        self._stopped = False
+        self.seek, self.tell, self.close = self._file.seek, self._file.tell, self._file.close
+
+    def write(self, data: bytes) -> int:
+        rest = memoryview(data)
+        while rest and self._failure is None:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                self._failure = OSError(error.errno, error.strerror, str(self._path))
+            except KeyboardInterrupt:
+                self._stopped = True
+        return len(data)
+
+    def check(self) -> None:
+        if self._failure:
+            raise self._failure
+        if self._stopped:
+            self._stopped = False
+            raise KeyboardInterrupt
+
+
 class VideoSink:
     """Every tick is one picture; a tick without a picture repeats the last one."""
 
@@ -29,10 +58,10 @@ class VideoSink:
     def on_start(self, info: RunInfo) -> None:
         import av
 
-        options = _movflags(self._path, "frag_keyframe+empty_moov")
+        self._disk = _Disk(files.create(self._path, private=True))
+        kind, options = _format(self._path, "frag_keyframe+empty_moov")
         options["flush_packets"] = "1"  # a fragment at once, not in lumps of 256 kB
-        name = str(files.create(self._path, private=True))
-        self._container: Any = av.open(name, "w", options=options)
+        self._container: Any = av.open(self._disk, "w", kind, options=options)
         self._video = self._container.add_stream("libx264", rate=FPS)
         self._video.width, self._video.height = info.width, info.height
         self._video.pix_fmt = "yuv420p"
@@ -57,12 +86,15 @@ class VideoSink:
         self._container.mux(self._video.encode(picture))
         self._container.mux(self._audio.encode(sound))
         self._count += 1
+        self._disk.check()
 
     def close(self) -> None:
         if self._count:
             self._container.mux(self._video.encode(None))
             self._container.mux(self._audio.encode(None))
         self._container.close()
+        self._disk.close()
+        self._disk.check()
 
 
 def film(
@@ -75,16 +107,17 @@ def film(
     import av
 
     outputs.check("video", path, outputs.VIDEOS)
-    options = _movflags(path, "faststart")  # plays before all of it has come
+    kind, options = _format(path, "faststart")  # plays before all of it has come
     with files.replacing(path) as draft:
-        opened: Any = av.open(str(draft), "w", options=options)
+        opened: Any = av.open(str(draft), "w", kind, options=options)
         with opened as container:
             _film(container, pictures, sound, sample_rate)
 
 
-def _movflags(path: Path, flags: str) -> dict[str, str]:
-    """Options of the file's format, where it has such flags."""
-    return {} if path.suffix.lower() == ".mkv" else {"movflags": flags}
+def _format(path: Path, movflags: str) -> tuple[str, dict[str, str]]:
+    """libav's name of the file's format, and its options, where it has such flags."""
+    kind = path.suffix.lower().removeprefix(".")
+    return ("matroska", {}) if kind == "mkv" else (kind, {"movflags": movflags})
 
 
 def _film(
