@@ -119,18 +119,18 @@ def eye_pictures(
         raise InputError(f"{path}: expected eye pictures, got none that decode; check the file")
 
 
-def _live_channels(path: Path) -> NDArray[np.intp]:
-    """Numbers of the channels that hold sound: a mean with silent ones would make it quieter."""
+def _live_channels(path: Path) -> NDArray[np.bool_]:
+    """Which channels hold sound: a mean with silent ones would make it quieter."""
     with _open_sound(path) as file:
         rate = int(file.samplerate)
         block = _read(path, file, rate)
         channels = block.shape[1]
-        power = np.zeros(channels)
+        power: NDArray[np.float64] = np.zeros(channels)
         while channels > 1 and len(block):
             power += np.square(block, dtype=np.float64).sum(0)
             block = _read(path, file, rate)
-    found: NDArray[np.intp] = np.flatnonzero(power > DEAD_SHARE * power.max())
-    return found if len(found) else np.arange(channels)  # silence, or what is no number
+    live: NDArray[np.bool_] = power > DEAD_SHARE * power.max()
+    return live if live.any() else np.ones(channels, bool)  # silence, or what is no number
 
 
 def _square(frame: Any, half: str | None) -> NDArray[np.uint8]:

@@ -62,7 +62,8 @@ def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) ->
         np.testing.assert_array_equal(live[name], replayed[name], name)
 
 
-def test_ctrl_c_finishes_the_recording(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGHUP"])
+def test_ctrl_c_or_a_closed_terminal_finishes_the_recording(tmp_path: Path, sent: str) -> None:
     child = subprocess.Popen(
         [*START, "record", "tape", "--mic", "none", "--eyes", SMOKE],
         cwd=tmp_path,
@@ -76,7 +77,7 @@ def test_ctrl_c_finishes_the_recording(tmp_path: Path) -> None:
     while not (timeline.is_file() and {"eye_left", "eye_right"} <= streams(timeline)):
         assert time.monotonic() < deadline and child.poll() is None
         time.sleep(0.02)
-    child.send_signal(signal.SIGINT)
+    child.send_signal(getattr(signal, sent))
     out, err = child.communicate(timeout=60)
     assert child.returncode == 130, err
     assert "next: livedrive replay tape" in out
