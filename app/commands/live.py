@@ -79,7 +79,8 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
 
 @contextmanager
 def ends_on_signals(source: "LiveSource") -> Generator[list[int]]:
-    """Ctrl-C, `kill` and a closed terminal end the source, so that everything is finished; a second one breaks off.
+    """Ctrl-C, `kill` and a closed terminal end the source, so that everything is finished; a
+    second one breaks off.
 
     Yields the list of signals that came.
     """

@@ -121,16 +121,18 @@ def eye_pictures(
 
 def _live_channels(path: Path) -> NDArray[np.bool_]:
     """Which channels hold sound: a mean with silent ones would make it quieter."""
+    powers: list[NDArray[np.float64]] = []
     with _open_sound(path) as file:
         rate = int(file.samplerate)
-        block = _read(path, file, rate)
-        channels = block.shape[1]
-        power: NDArray[np.float64] = np.zeros(channels)
-        while channels > 1 and len(block):
-            power += np.square(block, dtype=np.float64).sum(0)
-            block = _read(path, file, rate)
-    live: NDArray[np.bool_] = power > DEAD_SHARE * power.max()
-    return live if live.any() else np.ones(channels, bool)  # silence, or what is no number
+        while len(block := _read(path, file, rate)):
+            powers.append(np.square(block, dtype=np.float64).sum(0))
+            if len(powers[0]) == 1:
+                break
+    if not powers or len(powers[0]) == 1:
+        return np.ones(1, bool)
+    power = np.stack(powers).sum(0)
+    loud = power > DEAD_SHARE * float(power.max())
+    return loud if loud.any() else np.ones(len(power), bool)  # silence, or what is no number
 
 
 def _square(frame: Any, half: str | None) -> NDArray[np.uint8]:
