@@ -57,6 +57,8 @@ def run(words: list[str]) -> None:
         raise SystemExit(1) from None
     except (FileNotFoundError, NotADirectoryError) as error:
         _fail(f"expected a file or folder {error.filename}, got none; check the path", 2)
+    except IsADirectoryError as error:
+        _fail(f"{error.filename}: expected a file, got a folder; give a file in it", 2)
     except FileExistsError as error:
         _fail(f"{error.filename}: expected a new name or a folder, got a file; choose another", 2)
     except OSError as error:
