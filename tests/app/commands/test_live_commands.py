@@ -97,6 +97,25 @@ def test_a_recording_that_cannot_be_written_leaves_the_drive_alone(tmp_path: Pat
     assert re.match(r"(1[4-9]|2\d) frames", done.stdout)
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
+def test_a_file_that_a_full_disk_has_ended_is_not_called_written(tmp_path: Path) -> None:
+    """Red before: "wrote m.npz", where there was an old one or none."""
+    import resource
+
+    words = ["--headless", "--mic", "none", "--seconds", "0.5", "--motion", "m.npz"]
+    done = subprocess.run(
+        [*START, "run", *words, "--arkit", "a.csv", "--report", "r.json"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
+    )
+    assert done.returncode == 0 and "motion: File too large; it ends here" in done.stderr
+    assert "a.csv" in done.stdout and "m.npz" not in done.stdout
+    assert json.loads((tmp_path / "r.json").read_text())["lost"] == ["m.npz"]
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
