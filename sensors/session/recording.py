@@ -231,12 +231,12 @@ def _check_counts(folder: Path, card: Mapping[str, Any], entries: Iterable[fmt.E
         _count(found, entry)
     for name, expected in card.get("counts", {}).items():
         if found.get(name, 0) != expected:
-            whats = {
+            kinds = {
                 "audio": "samples of sound",
                 "emotion": "emotions",
                 "head": "poses of the head",
             }
-            what = whats.get(name, f"pictures of {name}")
+            what = kinds.get(name, f"pictures of {name}")
             raise InputError(
                 f"{folder / fmt.TIMELINE_FILE}: expected {expected} {what}, as {fmt.CARD_FILE} "
                 f"counts, got {found.get(name, 0)}; restore the file"
