@@ -5,10 +5,11 @@ Errors end in one line and a status: 2 for bad input, 1 for a failure while runn
 
 import contextlib
 import io
+import os
 import re
 import shlex
 import sys
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any, TextIO, get_args
 
 import tyro
 from tyro.conf import subcommand
@@ -48,8 +49,11 @@ Command = (
 def run(words: list[str]) -> None:
     """Run the command that the words name."""
     try:
-        command = _parsed(words)
-        command.run()
+        try:
+            command = _parsed(words)
+            command.run()
+        finally:
+            _flush()
     except InputError as error:
         _fail(str(error), 2)
     except BrokenPipeError:
@@ -57,6 +61,8 @@ def run(words: list[str]) -> None:
         raise SystemExit(1) from None
     except (FileNotFoundError, NotADirectoryError) as error:
         _fail(f"expected a file or folder {error.filename}, got none; check the path", 2)
+    except IsADirectoryError as error:
+        _fail(f"{error.filename}: expected a file, got a folder; give a file in it", 2)
     except FileExistsError as error:
         _fail(f"{error.filename}: expected a new name or a folder, got a file; choose another", 2)
     except OSError as error:
@@ -64,6 +70,18 @@ def run(words: list[str]) -> None:
         _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)
     except KeyboardInterrupt:
         _fail("stopped", 130)
+
+
+def _flush() -> None:
+    """What was printed leaves here, where a failure is told, and not at the end of Python."""
+    stdout: TextIO | None = sys.stdout  # none where the shell closed it
+    if stdout is None:
+        return
+    try:
+        stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), stdout.fileno())  # for the rest, at the end
+        raise
 
 
 def _parsed(words: list[str]) -> Command:

@@ -31,7 +31,8 @@ def main() -> None:
         return
     with _ctrl_c_ends_at_once():
         from app.command_line import run
-    run(sys.argv[1:])
+    with _ends_as_on_ctrl_c():
+        run(sys.argv[1:])
 
 
 @contextmanager
@@ -51,3 +52,17 @@ def _ctrl_c_ends_at_once() -> Generator[None]:
         yield
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+@contextmanager
+def _ends_as_on_ctrl_c() -> Generator[None]:
+    """For `kill` and a terminal that is closed: files are finished and drafts of them removed."""
+    numbers = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]  # none on Windows
+    ours = [number for number in numbers if number and signal.getsignal(number) == signal.SIG_DFL]
+    for number in ours:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        for number in ours:
+            signal.signal(number, signal.SIG_DFL)

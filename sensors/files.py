@@ -140,10 +140,11 @@ def create(path: Path, *, private: bool = False) -> Path:
 
 
 @contextmanager
-def replacing(path: Path, *, private: bool = False) -> Generator[Path]:
+def replacing(path: Path, *, private: bool = False, durable: bool = True) -> Generator[Path]:
     """An empty file to fill, which then takes the place of `path` in one step, or vanishes.
 
-    It lies beside `path` under a random name with the same suffix.
+    It lies beside `path` under a random name with the same suffix. Without `durable` a power cut
+    may lose it: for files of which many are written while a head is driven.
     """
     if not path.parent.is_dir():
         raise InputError(f"{path}: expected a folder {path.parent}, got none; create it first")
@@ -152,16 +153,22 @@ def replacing(path: Path, *, private: bool = False) -> Generator[Path]:
     create(draft, private=private)
     try:
         yield draft
-        with open_regular(draft, update=True) as file:
-            os.fsync(file.fileno())
+        if durable:
+            with open_regular(draft, update=True) as file:
+                os.fsync(file.fileno())
         os.replace(draft, path)
+    except OSError as error:
+        if error.filename not in (None, str(draft), draft):
+            raise
+        told = error.strerror or str(error)  # of a full disk, which names nothing, or the draft
+        raise OSError(error.errno, told, str(path)) from None
     finally:
         draft.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, data: bytes, *, private: bool = False) -> None:
+def write_bytes(path: Path, data: bytes, *, private: bool = False, durable: bool = True) -> None:
     """The whole file or, after a kill or on a full disk, the one that was there."""
-    with replacing(path, private=private) as draft:
+    with replacing(path, private=private, durable=durable) as draft:
         draft.write_bytes(data)
 
 

@@ -47,7 +47,7 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
     if not 64 <= settings.size <= 2048:
         raise InputError(f"--size: expected 64..2048, got {settings.size}; try --size 512")
     _check(name, settings)
-    if name.endswith(".ply"):
+    if name.lower().endswith(".ply"):
         cloud = ply.load(Path(name))
         renderer = create_renderer()
         shoot = _camera(renderer, settings)
@@ -62,13 +62,14 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
     columns = 3 if name != "all" else len(sheet.POSES)
     columns = columns if settings.sheet != "lights" else 4
     columns = 5 if settings.traverse else columns
-    Image.fromarray(sheet.grid(views, columns)).save(files.create(path))
+    with files.replacing(path) as draft:
+        Image.fromarray(sheet.grid(views, columns)).save(draft)
     renderer.close()
 
 
 def _check(name: str, settings: PictureSettings) -> None:
     """InputError where an option would say nothing: it is not one of what is drawn."""
-    is_ply, sheet = name.endswith(".ply"), settings.sheet != "poses"
+    is_ply, sheet = name.lower().endswith(".ply"), settings.sheet != "poses"
     for option, given, other in (
         ("--sheet", is_ply and sheet, f"the static head {name}"),
         ("--light", is_ply and settings.light != "studio", f"the static head {name}"),

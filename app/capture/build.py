@@ -14,6 +14,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from app.process import child
 from sensors import files
 
 if TYPE_CHECKING:
@@ -85,6 +86,7 @@ def _same_recipe(folder: Path, recipe: dict[str, Any], error: type[Exception]) -
 def _begin(lips: "LipGeometry") -> None:
     """What every child process knows."""
     global _lips
+    child.begin_worker()
     _lips = lips
 
 

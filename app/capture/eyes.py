@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from app.process import child
 from sensors import files
 
 if TYPE_CHECKING:
@@ -45,7 +46,7 @@ def draw_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str,
     # one rasteriser thread a process: the pool keeps the cores busy
     os.environ["LP_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
     costs: list[float] = []
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+    with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
         work = pool.imap_unordered(_file, todo)
         costs += tqdm(work, total=len(todo), desc="eyes", unit="file", mininterval=2)
     result: dict[str, Any] = {"eye_pairs": number * per_file}

@@ -171,7 +171,8 @@ def _sheet(
         axis.imshow(pair, cmap="gray", vmin=0, vmax=255)
         axis.axis("off")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(files.create(path), dpi=80)
+    with files.replacing(path) as draft:
+        figure.savefig(draft, dpi=80)
 
 
 def _film(clip: "Clip", faces: _ClipRenderer, path: Path) -> None:

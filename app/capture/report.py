@@ -132,7 +132,8 @@ def _spectrum_picture(tally: "Tally", path: Path) -> None:
     left.legend()
     right.hist(tally.dwells_s, np.linspace(0, 3, 40).tolist())
     right.set(xlabel="s", title="Dwell of the gaze")
-    figure.savefig(files.create(path))
+    with files.replacing(path) as draft:
+        figure.savefig(draft)
 
 
 def _lookahead_picture(report: dict[str, float], path: Path) -> None:
@@ -144,7 +145,8 @@ def _lookahead_picture(report: dict[str, float], path: Path) -> None:
         axis.plot(LOOKAHEADS_MS, scores, "o-", label=label)
     axis.set(xlabel="lookahead, ms", ylabel="R2 of the jaw", ylim=(0, 1), title="Anticipation")
     axis.legend()
-    figure.savefig(files.create(path))
+    with files.replacing(path) as draft:
+        figure.savefig(draft)
 
 
 def _figure(columns: int) -> tuple[Any, Any]:

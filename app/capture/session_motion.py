@@ -63,17 +63,18 @@ def write_motion(folder: Path, take: "LivelinkTake", frames: int) -> None:
     for k, name in enumerate(ARKIT_NAMES):
         if name in columns:
             arkit[:, k] = weights[:, columns[name]]
-    np.savez_compressed(
-        files.create(folder / MOTION_FILE, private=True),
-        t_ns=(np.arange(frames, dtype=np.int64) + 1) * NS // FPS,
-        rig=rig.astype(np.float16),
-        rig_names=np.array(RIG_NAMES),
-        tongue=tongue.astype(np.float16),
-        tongue_names=np.array(TONGUE_NAMES),
-        gaze=_gaze(rig).astype(np.float16),
-        arkit=arkit,
-        arkit_names=np.array(ARKIT_NAMES),
-    )
+    with files.replacing(folder / MOTION_FILE, private=True) as draft:
+        np.savez_compressed(
+            draft,
+            t_ns=(np.arange(frames, dtype=np.int64) + 1) * NS // FPS,
+            rig=rig.astype(np.float16),
+            rig_names=np.array(RIG_NAMES),
+            tongue=tongue.astype(np.float16),
+            tongue_names=np.array(TONGUE_NAMES),
+            gaze=_gaze(rig).astype(np.float16),
+            arkit=arkit,
+            arkit_names=np.array(ARKIT_NAMES),
+        )
 
 
 def _gaze(rig: NDArray[np.float32]) -> NDArray[np.float32]:

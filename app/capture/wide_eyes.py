@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.capture import eyes as usual
+from app.process import child
 from sensors import files
 
 if TYPE_CHECKING:
@@ -37,7 +38,7 @@ def draw_wide_pairs(folder: Path, count: int, seed: int, processes: int) -> dict
     jobs = [(folder, k, (seed, 77, k)) for k in range(-(-count // per_file))]
     todo = [job for job in jobs if not _path(folder, job[1]).exists()]
     os.environ["LP_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    with multiprocessing.get_context("spawn").Pool(processes) as pool:
+    with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
         work = pool.imap_unordered(_file, todo)
         list(tqdm(work, total=len(todo), desc="wide eyes", unit="file", mininterval=2))
     if not (folder / "no_eyes.npz").exists():

@@ -79,7 +79,8 @@ class LiveDriveOptions(LiveOptions, DriveOptions):
 
 @contextmanager
 def ends_on_signals(source: "LiveSource") -> Generator[list[int]]:
-    """Ctrl-C and `kill` end the source, so that everything is finished; a second one breaks off.
+    """Ctrl-C, `kill` and a closed terminal end the source, so that everything is finished; a
+    second one breaks off.
 
     Yields the list of signals that came.
     """
@@ -91,7 +92,11 @@ def ends_on_signals(source: "LiveSource") -> Generator[list[int]]:
         came.append(number)
         source.stop()
 
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    hang_up = getattr(signal, "SIGHUP", None)  # not there on Windows
+    if hang_up and signal.getsignal(hang_up) != signal.SIG_IGN:  # ignored under `nohup`
+        numbers.append(hang_up)
+    before = {number: signal.signal(number, stop) for number in numbers}
     try:
         yield came
     finally:

@@ -59,7 +59,7 @@ class Record(LiveOptions):
         from app.sinks.sensor_notes import SensorNotes
         from sensors.audio.portaudio import silence_native_messages
 
-        recorder = open_recorder(self.folder, source)
+        recorder = open_recorder(self.folder, source, alone=True)
         silence_native_messages()
         notes = SensorNotes(source, tell)
         seconds, shows, told_ns = 0.0, sys.stdout.isatty(), 0

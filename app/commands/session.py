@@ -64,13 +64,13 @@ class CreateSession:
                     self.eyes,
                     created=created,
                     eye_codec=self.codec,
+                    heard=self.audio is not None,
                     progress=update,
                 )
         if take is not None:
             session_motion.write_motion(self.folder, take, int(made["frames"]))
         for warning in made.pop("warnings"):
-            if self.audio or not warning.startswith(f"{audio}: "):  # of silence that we made
-                print(f"warning: {warning}")
+            print(f"warning: {warning}")
         if not made["frames"]:
             print(f"warning: {audio}: shorter than one frame (1/30 s); nothing to replay")
         print(json.dumps(made, indent=2))

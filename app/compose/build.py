@@ -5,6 +5,7 @@ source of frames, another view, another panel.
 """
 
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from app.compose.live import open_page, open_xr, tell
@@ -85,7 +86,7 @@ def build(
         driver=driver,
         clock=clock,
         sinks=[
-            *(files if frames is not None else map(Expendable, files)),
+            *(sink if frames is not None else Expendable(sink, path) for sink, path in files),
             *sinks,
             *network,
             *([window] if window else []),
@@ -193,7 +194,10 @@ def _window(
     return WindowSink(info, clock, stages.latest_ms, tape)
 
 
-def _file_sinks(settings: DriveSettings, decoder: "Decoder", who: "Identity") -> list[Sink]:
+def _file_sinks(
+    settings: DriveSettings, decoder: "Decoder", who: "Identity"
+) -> list[tuple[Sink, Path | None]]:
+    """Each with what it writes."""
     from app.sinks.arkit import ArkitSink
     from app.sinks.clouds import CloudSink
     from app.sinks.motion import MotionSink
@@ -203,21 +207,23 @@ def _file_sinks(settings: DriveSettings, decoder: "Decoder", who: "Identity") ->
     from render.avatars import gltf, ply
 
     files: FileSettings = settings.files
-    sinks: list[Sink] = []
+    sinks: list[tuple[Sink, Path | None]] = []
     if files.video:
-        sinks.append(VideoSink(files.video))
+        sinks.append((VideoSink(files.video), files.video))
     if files.pictures:
         transparent = settings.background == "transparent"
-        sinks.append(PictureSink(files.pictures, files.every, transparent))
+        sinks.append((PictureSink(files.pictures, files.every, transparent), files.pictures))
     if settings.virtual_camera:
         device = None if settings.virtual_camera == "auto" else settings.virtual_camera
-        sinks.append(VirtualCameraSink(device))
+        sinks.append((VirtualCameraSink(device), None))
     if files.ply:
-        sinks.append(CloudSink(files.ply, files.every, ".ply", ply.save, decoder, who))
+        made = CloudSink(files.ply, files.every, ".ply", ply.save, decoder, who)
+        sinks.append((made, files.ply))
     if files.gltf:
-        sinks.append(CloudSink(files.gltf, files.every, ".glb", gltf.save, decoder, who))
+        made = CloudSink(files.gltf, files.every, ".glb", gltf.save, decoder, who)
+        sinks.append((made, files.gltf))
     if files.motion:
-        sinks.append(MotionSink(files.motion, decoder, who))
+        sinks.append((MotionSink(files.motion, decoder, who), files.motion))
     if files.arkit:
-        sinks.append(ArkitSink(files.arkit, decoder))
+        sinks.append((ArkitSink(files.arkit, decoder), files.arkit))
     return sinks

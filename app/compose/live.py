@@ -134,7 +134,11 @@ def open_poses(clock: Clock) -> "Generator[XrSink]":
 
 
 def open_recorder(
-    folder: Path, source: "LiveSource", calibration: Mapping[str, Any] | None = None
+    folder: Path,
+    source: "LiveSource",
+    calibration: Mapping[str, Any] | None = None,
+    *,
+    alone: bool = False,  # nothing is driven beside it
 ) -> "LiveRecorder":
     """Record into a new session. Raises InputError where the folder holds something already."""
     from datetime import UTC, datetime
@@ -144,7 +148,12 @@ def open_recorder(
     created = datetime.now(UTC).isoformat(timespec="seconds")
     info = source.info
     recorder = LiveRecorder(
-        folder, created=created, devices=info.devices, tell=tell, calibration=calibration
+        folder,
+        created=created,
+        devices=info.devices,
+        tell=tell,
+        calibration=calibration,
+        alone=alone,
     )
     if not recorder.problem:
         tell(f"recording into {folder}: {_size(folder, len(info.eyes))}")

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
 from app.compose.settings import DriveSettings
 from app.drive.loop import Drive, Summary
+from app.drive.sink import Expendable
 from sensors import files
 from sensors.types import FPS
 
@@ -39,6 +40,8 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
     for sink in network:
         counts |= sink.network_report()
     headset = next((s.xr_report() for s in parts.sinks if isinstance(s, HeadsetSink)), None)
+    sinks = [sink for sink in parts.sinks if isinstance(sink, Expendable)]
+    lost = [str(sink.path) for sink in sinks if sink.lost]
     return {
         "frames": summary.frames,
         "dropped": summary.dropped,
@@ -54,6 +57,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
         "gaussians": settings.gaussians,
         "emotion": parts.emotions.start or "",
         "stages": parts.stages.summary(),
+        **({"lost": lost} if lost else {}),  # outputs that a full disk has ended
         **({"network": counts} if network else {}),
         **({"xr": headset} if headset else {}),
     }
@@ -97,5 +101,6 @@ def finish(values: dict[str, Any], path: Path | None, written: Sequence[Path]) -
         f"tick p50 {tick['p50_ms']:.1f} ms, p99 {tick['p99_ms']:.1f} ms, "
         f"{values['renderer']}, {values['backend']}"
     )
-    for made in (*written, *([path] if path else [])):
+    whole = [made for made in written if str(made) not in values.get("lost", ())]
+    for made in (*whole, *([path] if path else [])):
         print(f"wrote {made.resolve()}")

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -42,15 +43,15 @@ class Sink(Protocol):
 class Expendable:
     """A sink that a live run can lose: a full disk ends the file, not the run. Told on stderr."""
 
-    def __init__(self, sink: Sink) -> None:
-        self.sink = sink
-        self._lost = False
+    def __init__(self, sink: Sink, path: Path | None = None) -> None:
+        self.sink, self.path = sink, path
+        self.lost = False
 
     def on_start(self, info: RunInfo) -> None:
         self.sink.on_start(info)
 
     def on_frame(self, result: FrameResult) -> None:
-        if not self._lost:
+        if not self.lost:
             try:
                 self.sink.on_frame(result)
             except OSError as error:
@@ -60,11 +61,11 @@ class Expendable:
         try:
             self.sink.close()
         except OSError as error:
-            if not self._lost:
+            if not self.lost:
                 self._lose(error)
 
     def _lose(self, error: OSError) -> None:
-        self._lost = True
+        self.lost = True
         what = type(self.sink).__name__.removesuffix("Sink").lower()
         reason = error.strerror or error
         print(

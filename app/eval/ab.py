@@ -69,7 +69,10 @@ def draw_people(weights: Path, out: Path, size: int) -> Path:
 
 def find_pairs(a: Path, b: Path) -> list[tuple[Path, Path]]:
     """Videos or pictures of the same name in both folders, sorted by name."""
-    names = [{p.name for p in folder.glob("*") if p.suffix in VIDEOS} for folder in (a, b)]
+    for folder in (a, b):
+        if not folder.is_dir():
+            raise InputError(f"eval ab: expected a folder {folder}, got none; check the path")
+    names = [{p.name for p in folder.glob("*") if p.suffix.lower() in VIDEOS} for folder in (a, b)]
     both = sorted(names[0] & names[1])
     if not both:
         raise InputError(
@@ -94,28 +97,35 @@ def _trial(pair: tuple[Path, Path], flipped: bool) -> dict[str, str]:
 
 
 def _inline(path: Path) -> str:
-    return f"data:{VIDEOS[path.suffix]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    return (
+        f"data:{VIDEOS[path.suffix.lower()]};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    )
 
 
 def tally(files: tuple[Path, ...]) -> list[str]:
-    """Lines to print: votes for A and for B in all files, A's share with its 95 % interval.
+    """Lines to print: votes for A and for B in all files, A's share with its 95 % interval, that of
+    Wilson, which holds for few votes, too.
 
     Raises InputError where a file holds no votes.
     """
     votes: list[str] = []
     for path in files:
         try:
-            votes += [str(row["choice"]) for row in json.loads(path.read_text())["votes"]]
+            chosen = [str(row["choice"]) for row in json.loads(path.read_text())["votes"]]
+            if not chosen or not {*chosen} <= {"A", "B"}:
+                raise KeyError("choice")
+            votes += chosen
         except (ValueError, KeyError, TypeError) as error:
-            got = "no JSON" if isinstance(error, ValueError) else "other JSON"
+            got = "no JSON" if isinstance(error, ValueError) else "other JSON, or none"
             raise InputError(
                 f"{path}: expected votes saved by the page, got {got}; save them again"
             ) from None
     first, second = votes.count("A"), votes.count("B")
-    total = max(first + second, 1)
-    share = first / total
-    around = 1.96 * (share * (1 - share) / total) ** 0.5
-    return [f"A {first}  B {second}  A's share {share:.3f} +- {around:.3f} (95 %)"]
+    total, z2 = first + second, 1.96**2
+    middle = (first + z2 / 2) / (total + z2)
+    around = (z2 * (first * second / total + z2 / 4)) ** 0.5 / (total + z2)
+    interval = f"{middle - around:.3f} to {middle + around:.3f}"
+    return [f"A {first}  B {second}  A's share {first / total:.3f}, {interval} (95 %)"]
 
 
 PAGE = """<!doctype html>

@@ -146,4 +146,5 @@ def draw(frames: dict[str, NDArray[np.float64]], path: Path) -> None:
     lower.set(xlabel="seconds", ylabel="0..1")
     for part in (upper, lower):
         part.legend(loc="upper right")
-    figure.savefig(str(files.create(path)))
+    with files.replacing(path) as draft:
+        figure.savefig(draft)

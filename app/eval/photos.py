@@ -115,7 +115,8 @@ def evaluate(settings: PhotosSettings) -> None:
     if settings.picture:
         from PIL import Image
 
-        Image.fromarray(np.concatenate(rows)).save(files.create(settings.picture))
+        with files.replacing(settings.picture) as draft:
+            Image.fromarray(np.concatenate(rows)).save(draft)
     facts = {"seed": settings.seed, "people": settings.people}
     finish({"metrics": metrics, "bars": bars, **facts}, settings.report)
 

@@ -66,7 +66,8 @@ def save_ratios(
         panel.set_xticks(range(len(rows)), rows, rotation=20, ha="right")
     figure.suptitle(title)
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(files.create(path), dpi=120)
+    with files.replacing(path) as draft:
+        figure.savefig(draft, dpi=120)
     pyplot.close("all")
     return path
 
@@ -101,7 +102,8 @@ def save_classes(
         panel.set_xticks(places, classes)
     axes.flat[0].legend(fontsize="small")
     path.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(files.create(path), dpi=110)
+    with files.replacing(path) as draft:
+        figure.savefig(draft, dpi=110)
     pyplot.close("all")
     return path
 
@@ -126,7 +128,8 @@ def save(
     axes.set(xlabel="shift of the predicted motion (ms)", ylabel="error of lip opening (mm)")
     figure.legend(loc="outside right upper", fontsize="small")
     paths = [folder / "shift.png"]
-    figure.savefig(files.create(paths[0]), dpi=120)
+    with files.replacing(paths[0]) as draft:
+        figure.savefig(draft, dpi=120)
     if curves:
         rows = -(-len(curves) // COLUMNS)
         figure, grid = pyplot.subplots(
@@ -141,6 +144,7 @@ def save(
             panel.set(title=name, xlabel="step", yscale="log")
             panel.legend(fontsize="small")
         paths.append(folder / "losses.png")
-        figure.savefig(files.create(paths[1]), dpi=120)
+        with files.replacing(paths[1]) as draft:
+            figure.savefig(draft, dpi=120)
     pyplot.close("all")
     return paths

@@ -53,7 +53,8 @@ def evaluate(settings: PriorSettings) -> None:
     if settings.picture:
         from PIL import Image
 
-        Image.fromarray(np.concatenate(rows[:6])).save(files.create(settings.picture))
+        with files.replacing(settings.picture) as draft:
+            Image.fromarray(np.concatenate(rows[:6])).save(draft)
     for name, value in metrics.items():
         print(f"{name:40s} {value:.4f}")
     facts = {"seed": settings.seed, "people": settings.people}

@@ -59,6 +59,17 @@ def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
     return given["info"], given["memories"], end
 
 
+def begin_worker() -> None:
+    """In a process of a pool: Ctrl-C is for the command, which then ends us, without a word and
+    without drafts of files."""
+
+    def end(*_: object) -> None:
+        sys.exit(1)
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end)
+
+
 def lower_priority(niceness: int) -> None:
     """Let the tick go first: all threads of this process, also those of libraries that it has
     started already. On Windows: below normal, whatever the niceness."""

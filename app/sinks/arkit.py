@@ -6,7 +6,6 @@ from pathlib import Path
 from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES, arkit
 from app.sinks.protocols.livelink import eye_angles
-from app.terminal import outputs
 from render.decoder.decoder import Decoder
 from sensors import files
 from sensors.head import livelink
@@ -20,7 +19,6 @@ class ArkitSink:
     """A CSV like Live Link Face's: timecode, count, 52 blendshapes, head and eye angles (rad)."""
 
     def __init__(self, path: Path, decoder: Decoder) -> None:
-        outputs.check("--arkit", path, (".csv",))
         self._path, self._decoder = path, decoder
 
     def on_start(self, info: RunInfo) -> None:

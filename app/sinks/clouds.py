@@ -39,10 +39,13 @@ class CloudSink:
         self._folder.mkdir(parents=True, exist_ok=True)
         rest = np.zeros(EXPRESSION_DIM, np.float32)
         _, gaussians = self._decoder.decode(rest, AHEAD, self._identity)
-        with TemporaryDirectory(dir=self._folder) as spare:
-            path = Path(spare) / f"rest{self._suffix}"
-            self._save(path, gaussians)
-            size = path.stat().st_size
+        try:
+            with TemporaryDirectory(dir=self._folder) as spare:
+                path = Path(spare) / f"rest{self._suffix}"
+                self._save(path, gaussians)
+                size = path.stat().st_size
+        except OSError as error:  # a full disk; the spare folder is gone when it is told
+            raise OSError(error.errno, error.strerror, str(self._folder)) from None
         files = FPS * 60 // self._every if info.frames is None else -(-info.frames // self._every)
         what = f"{files} files of {size / 1e6:.1f} MB, {files * size / 1e9:.2f} GB"
         if info.frames is None:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES, arkit
-from app.terminal import outputs
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from sensors import files
@@ -19,7 +18,6 @@ class MotionSink:
     """Collects codes (about 1.2 kB a frame); vertices are decoded when it closes."""
 
     def __init__(self, path: Path, decoder: Decoder, identity: Identity) -> None:
-        outputs.check("--motion", path, (".npz",))
         self._path, self._decoder, self._identity = path, decoder, identity
         self._frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]] = []
         self._heads: list[tuple[float, ...]] = []

@@ -28,7 +28,8 @@ class PictureSink:
                 pixels = straight_alpha(result.picture)
             picture = Image.fromarray(pixels)
             path = self._folder / f"frame_{index:06d}.png"
-            picture.save(files.create(path, private=True))
+            with files.replacing(path, private=True, durable=False) as draft:
+                picture.save(draft)
 
     def close(self) -> None:
         pass

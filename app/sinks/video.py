@@ -17,6 +17,35 @@ from sensors import files
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 
+class _Disk:
+    """What libav writes to: it hears of no failure, as it dies of one in a header and forgets one
+    in the last fragment. `check` raises it instead, and a Ctrl-C that came meanwhile."""
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._file = path, path.open("wb", buffering=0)  # at once, in case of a crash
+        self._failure: OSError | None = None
+        self._stopped = False
+        self.seek, self.tell, self.close = self._file.seek, self._file.tell, self._file.close
+
+    def write(self, data: bytes) -> int:
+        rest = memoryview(data)
+        while rest and self._failure is None:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                self._failure = OSError(error.errno, error.strerror, str(self._path))
+            except KeyboardInterrupt:
+                self._stopped = True
+        return len(data)
+
+    def check(self) -> None:
+        if self._failure:
+            raise self._failure
+        if self._stopped:
+            self._stopped = False
+            raise KeyboardInterrupt
+
+
 class VideoSink:
     """Every tick is one picture; a tick without a picture repeats the last one."""
 
@@ -29,9 +58,10 @@ class VideoSink:
     def on_start(self, info: RunInfo) -> None:
         import av
 
-        options = {} if self._path.suffix == ".mkv" else {"movflags": "frag_keyframe+empty_moov"}
-        name = str(files.create(self._path, private=True))
-        self._container: Any = av.open(name, "w", options=options)
+        self._disk = _Disk(files.create(self._path, private=True))
+        kind, options = _format(self._path, "frag_keyframe+empty_moov")
+        options["flush_packets"] = "1"  # a fragment at once, not in lumps of 256 kB
+        self._container: Any = av.open(self._disk, "w", kind, options=options)
         self._video = self._container.add_stream("libx264", rate=FPS)
         self._video.width, self._video.height = info.width, info.height
         self._video.pix_fmt = "yuv420p"
@@ -56,12 +86,15 @@ class VideoSink:
         self._container.mux(self._video.encode(picture))
         self._container.mux(self._audio.encode(sound))
         self._count += 1
+        self._disk.check()
 
     def close(self) -> None:
         if self._count:
             self._container.mux(self._video.encode(None))
             self._container.mux(self._audio.encode(None))
         self._container.close()
+        self._disk.close()
+        self._disk.check()
 
 
 def film(
@@ -74,23 +107,42 @@ def film(
     import av
 
     outputs.check("video", path, outputs.VIDEOS)
-    opened: Any = av.open(str(files.create(path)), "w")
-    with opened as container:
-        stream = voice = None
-        for picture in pictures:
-            if stream is None:
-                stream = container.add_stream("libx264", rate=FPS)
-                stream.height, stream.width = picture.shape[:2]
-                stream.pix_fmt = "yuv420p"
-                stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
-                if sound is not None:
-                    voice = container.add_stream("aac", rate=sample_rate, layout="mono")
-            layout = "rgba" if picture.shape[2] == 4 else "rgb24"
-            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
-        if stream is not None:
-            container.mux(stream.encode(None))
-        if voice is not None and sound is not None:
-            chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
-            chunk.sample_rate = sample_rate
-            container.mux(voice.encode(chunk))
-            container.mux(voice.encode(None))
+    kind, options = _format(path, "faststart")  # plays before all of it has come
+    with files.replacing(path) as draft:
+        opened: Any = av.open(str(draft), "w", kind, options=options)
+        with opened as container:
+            _film(container, pictures, sound, sample_rate)
+
+
+def _format(path: Path, movflags: str) -> tuple[str, dict[str, str]]:
+    """libav's name of the file's format, and its options, where it has such flags."""
+    kind = path.suffix.lower().removeprefix(".")
+    return ("matroska", {}) if kind == "mkv" else (kind, {"movflags": movflags})
+
+
+def _film(
+    container: Any,
+    pictures: Iterable[NDArray[np.uint8]],
+    sound: NDArray[np.int16] | None,
+    sample_rate: int,
+) -> None:
+    import av
+
+    stream = voice = None
+    for picture in pictures:
+        if stream is None:
+            stream = container.add_stream("libx264", rate=FPS)
+            stream.height, stream.width = picture.shape[:2]
+            stream.pix_fmt = "yuv420p"
+            stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
+            if sound is not None:
+                voice = container.add_stream("aac", rate=sample_rate, layout="mono")
+        layout = "rgba" if picture.shape[2] == 4 else "rgb24"
+        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
+    if stream is not None:
+        container.mux(stream.encode(None))
+    if voice is not None and sound is not None:
+        chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
+        chunk.sample_rate = sample_rate
+        container.mux(voice.encode(chunk))
+        container.mux(voice.encode(None))

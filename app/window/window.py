@@ -180,7 +180,8 @@ class Window:
             picture = picture[:, ::-1]
         path = free_name(Path.cwd(), f"livedrive-{state.avatar}")
         try:
-            Image.fromarray(picture).save(files.create(path, private=True))
+            with files.replacing(path, private=True, durable=False) as draft:
+                Image.fromarray(picture).save(draft)
             state.say(f"Saved {path.name} in {path.parent}")
         except OSError as error:
             state.say(f"No picture: {error.strerror or error}")

@@ -39,15 +39,16 @@ class GazeGraph:
     def save(self, path: Path) -> None:
         """One npz; gaze as int16 x and y, of which z follows because eyes look forward."""
         path.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(
-            files.create(path),
-            format=np.array(FORMAT),
-            gaze_xy=np.rint(self.gaze[..., :2] * _FULL).astype(np.int16),
-            lids=np.rint(self.lids * 255).astype(np.uint8),
-            first_edge=self.first_edge,
-            successors=self.successors.astype(np.uint16),
-            chances=self.chances.astype(np.float16),
-        )
+        with files.replacing(path) as draft:
+            np.savez_compressed(
+                draft,
+                format=np.array(FORMAT),
+                gaze_xy=np.rint(self.gaze[..., :2] * _FULL).astype(np.int16),
+                lids=np.rint(self.lids * 255).astype(np.uint8),
+                first_edge=self.first_edge,
+                successors=self.successors.astype(np.uint16),
+                chances=self.chances.astype(np.float16),
+            )
 
     @staticmethod
     def load(path: Path = GRAPH) -> GazeGraph:

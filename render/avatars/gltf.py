@@ -25,7 +25,7 @@ MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
 def save(path: Path, gaussians: Gaussians) -> None:
     """Write one head as a .glb file."""
-    files.create(path, private=True).write_bytes(gltf_bytes(gaussians))
+    files.write_bytes(path, gltf_bytes(gaussians), private=True, durable=False)
 
 
 def gltf_bytes(gaussians: Gaussians) -> bytes:

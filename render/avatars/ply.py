@@ -50,7 +50,8 @@ def save(path: Path, cloud: Gaussians) -> None:
             rows[name] = values[:, column]
     words = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}"]
     words += [*(f"property float {name}" for name in FIELDS), "end_header", ""]
-    files.create(path, private=True).write_bytes("\n".join(words).encode() + rows.tobytes())
+    data = "\n".join(words).encode() + rows.tobytes()
+    files.write_bytes(path, data, private=True, durable=False)
 
 
 def load(path: Path) -> Gaussians:

@@ -29,10 +29,12 @@ class LiveRecorder:
         devices: Mapping[str, str],
         tell: Callable[[str], None],  # called with one line of text
         calibration: Mapping[str, Any] | None = None,
+        alone: bool = False,  # nothing is driven beside it
     ) -> None:
         """Raises InputError where the folder holds something already."""
         self.problem = ""  # why nothing is recorded any more
         self._folder, self._tell = folder, tell
+        self._beside = "" if alone else "driving goes on, "
         self._words: dict[str, Any] = {
             "created": created,
             "devices": devices,
@@ -99,6 +101,6 @@ class LiveRecorder:
         if not self.problem:
             self.problem = reason
             self._tell(
-                f"{self._folder}: expected to go on recording, got: {reason}; driving goes on, "
-                "what was recorded is kept"
+                f"{self._folder}: expected to go on recording, got: {reason}; "
+                f"{self._beside}what was recorded is kept"
             )

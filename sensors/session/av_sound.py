@@ -54,7 +54,8 @@ class AvSound:
         import av
         from av import error as av_error
 
-        to_float = av.AudioResampler(format="fltp", layout="mono", rate=self.samplerate)
+        layout = "stereo" if stream.channels == 2 else "mono"  # of two, one may be dead
+        to_float = av.AudioResampler(format="fltp", layout=layout, rate=self.samplerate)
         try:
             frames = cast(Iterator[Any], self._container.decode(stream))
             for frame in frames:

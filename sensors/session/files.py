@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
-from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
+from sensors.session.eye_video import count_pictures
+from sensors.session.format import (
+    AUDIO_FILE,
+    CARD_FILE,
+    EYE_FILES,
+    TIMELINE_FILE,
+    EmotionEntry,
+)
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import ReplaySource
@@ -44,6 +51,7 @@ def create(
     created: str = "",
     eye_codec: str = "ffv1",
     audio_format: str = "float32",
+    heard: bool = True,  # False: its sound stands in for none, and is not judged
     progress: Callable[[float], object] = quiet,
 ) -> dict[str, Any]:
     """Make a session of files; return its `info` with `warnings`. Leaves nothing on bad input.
@@ -65,7 +73,8 @@ def create(
     )
     try:
         with writer:
-            _write_all(writer, Path(audio), [Path(eye) for eye in eyes], warnings, progress)
+            sound = _audio_packets(Path(audio), warnings if heard else [])
+            _write_all(writer, sound, [Path(eye) for eye in eyes], warnings, progress)
     except BaseException:
         for name in (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE):
             (folder / name).unlink(missing_ok=True)
@@ -99,6 +108,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "audio_gaps": gaps,
             "audio_lost_samples": missing,
             "eyes": {EYE_NAMES[eye]: _eye_info(s) for eye, s in recording.eyes.items()},
+            "emotions": sum(isinstance(entry, EmotionEntry) for entry in recording.entries),
             "head_poses": len(recording.heads),
             "head_faces": sum(entry.face is not None for entry in recording.heads),
             "repaired": bool(recording.card.get("repaired", False)),
@@ -126,7 +136,7 @@ def frames_of(source: ReplaySource, assembler: Assembler | None = None) -> Itera
 
 def _write_all(
     writer: RecordingWriter,
-    audio: Path,
+    sound: Iterator[AudioPacket],
     eyes: list[Path],
     warnings: list[str],
     progress: Callable[[float], object],
@@ -138,7 +148,7 @@ def _write_all(
     pictures = heapq.merge(*streams, key=lambda packet: (packet.t_ns, packet.eye))
     picture = next(pictures, None)
     last_ns, end_ns = [0, 0], 0
-    for packet in _audio_packets(audio, warnings):
+    for packet in sound:
         end_ns = (packet.first_sample + len(packet.samples)) * NS // SAMPLE_RATE
         while picture is not None and picture.t_ns <= end_ns:
             writer.append(picture)
@@ -176,10 +186,13 @@ def _eye_packets(eye: int, path: Path, half: Any) -> Iterator[EyePacket]:
 
 
 def _eye_info(stream: EyeStream) -> dict[str, Any]:
+    """`missing`: pictures that the timeline has and the video, which was cut, has not."""
     times = stream.t_ns
+    held = count_pictures(stream.path)
     span_ns = int(times[-1] - times[0])
     return {
         "pictures": len(times),
+        "missing": sum(entry.picture >= held for entry in stream.entries),
         "rate_hz": round((len(times) - 1) * NS / span_ns, 3) if span_ns > 0 else 0.0,
         "first_s": round(int(times[0]) / NS, 6),
         "last_s": round(int(times[-1]) / NS, 6),

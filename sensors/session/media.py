@@ -23,6 +23,7 @@ CLIPPED_LEVEL = 0.9999
 CLIPPED_SHARE = 1e-4  # of all samples; a file normalised to full scale stays below
 MIN_CLEAN_RATE = 16_000
 SILENT_RMS = 1e-5  # less than half a step of 16 bits
+DEAD_SHARE = 1e-4  # of the loudest channel's power: no microphone was there, only its input
 CANCELLED_SHARE = 0.05  # of the channels' power that their mean keeps; unlike ones keep half
 MIN_PICTURE = 32
 SIDE_BY_SIDE = 1.4  # times as wide as high, at least
@@ -33,6 +34,7 @@ def sound_blocks(path: Path, warnings: list[str]) -> Iterator[NDArray[np.float32
     """Blocks [n] float32 -1..1 of 48 kHz mono; at the end `warnings` has what is doubtful."""
     import soxr
 
+    live = _live_channels(path)
     with _open_sound(path) as file:
         rate, expected = int(file.samplerate), int(file.frames)
         if rate < MIN_CLEAN_RATE:
@@ -47,6 +49,7 @@ def sound_blocks(path: Path, warnings: list[str]) -> Iterator[NDArray[np.float32
                     f"{bad / rate:.3f} s; export the sound again"
                 )
             read += len(block)
+            block = block[:, live]
             clipped += int((np.abs(block) >= CLIPPED_LEVEL).any(1).sum())
             mono = block.mean(1, dtype=np.float32)
             power += float(np.square(block).mean(1).sum())
@@ -114,6 +117,22 @@ def eye_pictures(
             yield t_ns, _square(frame, half)
     if count == 0:
         raise InputError(f"{path}: expected eye pictures, got none that decode; check the file")
+
+
+def _live_channels(path: Path) -> NDArray[np.bool_]:
+    """Which channels hold sound: a mean with silent ones would make it quieter."""
+    powers: list[NDArray[np.float64]] = []
+    with _open_sound(path) as file:
+        rate = int(file.samplerate)
+        while len(block := _read(path, file, rate)):
+            powers.append(np.square(block, dtype=np.float64).sum(0))
+            if len(powers[0]) == 1:
+                break
+    if not powers or len(powers[0]) == 1:
+        return np.ones(1, bool)
+    power = np.stack(powers).sum(0)
+    loud = power > DEAD_SHARE * float(power.max())
+    return loud if loud.any() else np.ones(len(power), bool)  # silence, or what is no number
 
 
 def _square(frame: Any, half: str | None) -> NDArray[np.uint8]:

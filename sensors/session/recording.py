@@ -209,12 +209,14 @@ class RecordingWriter:
 
 
 def _count(counts: dict[str, int], entry: fmt.Entry) -> None:
-    """Add the samples or the picture of one line, under the names of the card."""
+    """Add one line, of sound its samples, under the names of the card."""
     if isinstance(entry, AudioEntry):
-        counts["audio"] = counts.get("audio", 0) + entry.num_samples
+        name, number = "audio", entry.num_samples
     elif isinstance(entry, EyeEntry):
-        name = f"eye_{EYE_NAMES[entry.eye]}"
-        counts[name] = counts.get(name, 0) + 1
+        name, number = f"eye_{EYE_NAMES[entry.eye]}", 1
+    else:
+        name, number = "emotion" if isinstance(entry, EmotionEntry) else "head", 1
+    counts[name] = counts.get(name, 0) + number
 
 
 def _check_counts(folder: Path, card: Mapping[str, Any], entries: Iterable[fmt.Entry]) -> None:
@@ -229,7 +231,12 @@ def _check_counts(folder: Path, card: Mapping[str, Any], entries: Iterable[fmt.E
         _count(found, entry)
     for name, expected in card.get("counts", {}).items():
         if found.get(name, 0) != expected:
-            what = "samples of sound" if name == "audio" else f"pictures of {name}"
+            kinds = {
+                "audio": "samples of sound",
+                "emotion": "emotions",
+                "head": "poses of the head",
+            }
+            what = kinds.get(name, f"pictures of {name}")
             raise InputError(
                 f"{folder / fmt.TIMELINE_FILE}: expected {expected} {what}, as {fmt.CARD_FILE} "
                 f"counts, got {found.get(name, 0)}; restore the file"

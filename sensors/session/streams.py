@@ -91,7 +91,7 @@ class EyeStream:
     """The pictures of one eye, decoded when asked for."""
 
     def __init__(self, path: Path, entries: list[EyeEntry]) -> None:
-        self.entries = entries
+        self.path, self.entries = path, entries
         self.t_ns = np.array([e.t_ns for e in entries], np.int64)  # [pictures]
         self._video = EyeVideoReader(path)
         self.codec = self._video.codec

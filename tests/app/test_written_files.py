@@ -2,22 +2,28 @@
 
 import json
 import shutil
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from app.drive.sink import FrameResult, RunInfo
 from app.sinks.motion import save_npz
-from app.sinks.video import VideoSink
+from app.sinks.pictures import PictureSink
+from app.sinks.video import VideoSink, film
 from app.web import certificate
 from encoder.eyes.calibration import EyeCalibration
 from encoder.eyes.gaze_graph import GazeGraph
 from encoder.nn import checkpoint
+from encoder.types import DrivenFrame
 from render.avatars import gltf, ply
 from render.decoder.learned import weights_file
-from render.types import Gaussians
+from render.types import AHEAD, Gaussians
 from sensors import files
+from sensors.types import SensorFrame
 
 MINE = b"precious"
 ONE = Gaussians(
@@ -41,9 +47,33 @@ def save_weights(path: Path) -> None:
 
 
 def start_video(path: Path) -> None:
-    from app.drive.sink import RunInfo
-
     VideoSink(path).on_start(RunInfo(64, 64, None))
+
+
+def result(seed: int = 0) -> FrameResult:
+    noise = np.random.default_rng(seed).integers(0, 255, (64, 64, 4), np.uint8)
+    silence, ages = np.zeros(1600, np.float32), np.full(2, -1, np.int64)
+    sensed = SensorFrame(0, 0, silence, None, np.zeros(2, bool), ages, False)
+    return FrameResult(sensed, DrivenFrame(0, 0, np.zeros(256, np.float32), AHEAD), noise)
+
+
+def write_picture(path: Path) -> None:
+    sink = PictureSink(path.parent, 1)
+    sink.on_start(RunInfo(64, 64, None))
+    sink.on_frame(result())
+
+
+@contextmanager
+def full_disk(num_bytes: int) -> Generator[None]:
+    """No file can grow over this size."""
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (num_bytes, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
@@ -51,6 +81,8 @@ WRITERS: dict[str, tuple[str, Callable[[Path], object]]] = {
     "motion": ("out.npz", lambda path: save_npz(path, {"x": np.zeros(1)})),
     "ply": ("out.ply", lambda path: ply.save(path, ONE)),
     "gltf": ("out.glb", lambda path: gltf.save(path, ONE)),
+    "film": ("out.mp4", lambda path: film(path, [np.zeros((64, 64, 3), np.uint8)] * 30)),
+    "picture": ("frame_000000.png", write_picture),
     "calibration": ("eyes.json", lambda path: EyeCalibration().save(path)),
     "gaze": ("gaze.npz", lambda path: GazeGraph.load().save(path)),
     "weights": ("ben.safetensors", save_weights),
@@ -97,3 +129,32 @@ def test_a_report_goes_into_no_link(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="got a link"):
         files.write_text(tmp_path / "out.json", json.dumps({}))
     assert (tmp_path / "mine").read_bytes() == MINE
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
+@pytest.mark.parametrize("kind", ["motion", "ply", "gltf", "film", "picture"])
+def test_a_full_disk_leaves_what_was_there(tmp_path: Path, kind: str) -> None:
+    """Red before: the first part of a picture, PLY, glTF or film in the place of the old one."""
+    name, write = WRITERS[kind]
+    (tmp_path / name).write_bytes(MINE)
+    with full_disk(100), pytest.raises(OSError) as told:
+        write(tmp_path / name)
+    assert told.value.filename == str(tmp_path / name)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [MINE]
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
+@pytest.mark.parametrize("num_bytes", [0, 20, 20_000])
+@pytest.mark.parametrize("name", ["v.mp4", "v.mkv", "v.mov"])
+def test_a_video_tells_of_a_full_disk(tmp_path: Path, name: str, num_bytes: int) -> None:
+    """Red before: the program died of a header that found no room (mp4, mov), and a last part
+    that found none was lost without a word."""
+    with full_disk(num_bytes):
+        sink = VideoSink(tmp_path / name)
+        sink.on_start(RunInfo(64, 64, None))
+        with suppress(OSError):
+            for k in range(40):
+                sink.on_frame(result(k))
+        with pytest.raises(OSError) as told:
+            sink.close()
+    assert told.value.filename == str(tmp_path / name)

@@ -16,6 +16,7 @@ from typing import Any
 
 from app.bench.fuzz.chunk import HANG_S, Chunk, Done, run_chunk
 from app.bench.fuzz.targets import TARGETS
+from app.process import child
 from app.terminal.thresholds import at_most
 from sensors import files
 from sensors.types import InputError
@@ -68,7 +69,7 @@ def _chunks(num: int, seed: int) -> Iterator[Chunk]:
 
 def _run(chunks: list[Chunk], processes: int, folder: Path | None) -> Iterator[Done]:
     waiting = iter(chunks)
-    with ProcessPoolExecutor(processes, get_context("spawn")) as pool:
+    with ProcessPoolExecutor(processes, get_context("spawn"), child.begin_worker) as pool:
         running: dict[Future[Done], Chunk] = {}
         while True:
             for chunk in islice(waiting, processes - len(running)):

@@ -29,6 +29,11 @@ def microphone(voice: Path = VOICE) -> Generator[str]:
     from sensors.standins.pulse import PulseServer
     from sensors.types import SAMPLE_RATE, InputError
 
+    if not voice.is_file():
+        raise InputError(
+            f"{voice}: expected a voice for the stand-in microphone, got no file; run this in the "
+            "folder of the repository"
+        )
     sound, rate = soundfile.read(str(voice), dtype="int16", always_2d=True)
     if rate != SAMPLE_RATE:
         raise InputError(f"{voice}: expected {SAMPLE_RATE} Hz, got {rate}; give another file")

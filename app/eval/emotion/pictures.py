@@ -69,7 +69,8 @@ def _sheet(path: Path, rows: list[list[np.ndarray]], names: list[str]) -> None:
     draw = ImageDraw.Draw(sheet)
     for place, name in enumerate(names):
         draw.text((6, place * PX + 4), name, fill=(255, 255, 255), font_size=18)
-    sheet.save(files.create(path))
+    with files.replacing(path) as draft:
+        sheet.save(draft)
 
 
 def _confusions(path: Path, seen: "dict[str, Confusion]") -> None:
@@ -98,5 +99,6 @@ def _confusions(path: Path, seen: "dict[str, Confusion]") -> None:
                     dark = "white" if value > 0.5 else "black"
                     panel.text(x, y, f"{100 * value:.0f}", ha="center", va="center", fontsize=6,
                                color=dark)  # fmt: skip
-    figure.savefig(files.create(path), dpi=110)
+    with files.replacing(path) as draft:
+        figure.savefig(draft, dpi=110)
     pyplot.close(figure)

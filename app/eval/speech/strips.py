@@ -152,4 +152,5 @@ def _save(path: Path, pixels: Pixels, times: int = 1) -> None:
     """Write a JPEG, so many times smaller."""
     from PIL import Image
 
-    Image.fromarray(pixels).reduce(times).save(files.create(path), quality=66)
+    with files.replacing(path) as draft:
+        Image.fromarray(pixels).reduce(times).save(draft, quality=66)

@@ -10,13 +10,13 @@ import pytest
 ROOT = Path(__file__).parents[3]
 CODE = """
 import os, signal, sys
-module, ignored, *words = sys.argv[1:]
+module, ignored, sent, *words = sys.argv[1:]
 
 class CtrlC:
     def find_spec(self, name, *_):
         if name == module:
             sys.meta_path.remove(self)
-            os.kill(os.getpid(), signal.SIGINT)
+            os.kill(os.getpid(), getattr(signal, sent))
 
 sys.meta_path.insert(0, CtrlC())
 # as Python starts in a terminal, even where these tests were started with an &
@@ -27,10 +27,12 @@ main()
 """
 
 
-def avatars(module: str, *, ignored: bool = False) -> "subprocess.CompletedProcess[str]":
-    """`livedrive avatar list`, which gets Ctrl-C when it imports `module`."""
+def avatars(
+    module: str, *, ignored: bool = False, sent: str = "SIGINT"
+) -> "subprocess.CompletedProcess[str]":
+    """`livedrive avatar list`, which gets Ctrl-C, or another signal, when it imports `module`."""
     return subprocess.run(
-        [sys.executable, "-c", CODE, module, "yes" if ignored else "", "avatar", "list"],
+        [sys.executable, "-c", CODE, module, "yes" if ignored else "", sent, "avatar", "list"],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -51,3 +53,11 @@ def test_ctrl_c_that_is_ignored_stays_ignored() -> None:
     """As under `nohup`, or behind an & of a script."""
     done = avatars("numpy", ignored=True)
     assert done.returncode == 0 and "ben" in done.stdout, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a kill there cannot be caught")
+@pytest.mark.parametrize("sent", ["SIGTERM", "SIGHUP"])
+def test_a_kill_ends_as_ctrl_c_does(sent: str) -> None:
+    """So that drafts are removed and files are finished. Red before: it died on the spot."""
+    done = avatars("render.decoder.identity", sent=sent)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")

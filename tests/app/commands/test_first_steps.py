@@ -44,6 +44,24 @@ def test_a_failure_is_one_line_that_steers_no_terminal(
     assert r"a\x1b]0;mine\x07 b" in told and "\x1b" not in told
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="has no such device")
+@pytest.mark.parametrize("words", [["avatar", "list"], ["avatar", "-h"]])
+def test_a_full_disk_takes_no_words(words: list[str]) -> None:
+    """Red before: status 120, "Exception ignored in", as Python found it at its very end."""
+    code = "from app.main import main; main()"
+    env = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [sys.executable, "-c", code, *words],
+            env=env | {"PYTHONPATH": str(ROOT)},
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("livedrive: No space left") and done.stderr.count("\n") == 1
+
+
 @pytest.mark.slow
 def test_help_is_shown_on_a_terminal_that_knows_ascii_alone() -> None:
     """Red before: UnicodeEncodeError at the first dot of a list."""

@@ -62,7 +62,8 @@ def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) ->
         np.testing.assert_array_equal(live[name], replayed[name], name)
 
 
-def test_ctrl_c_finishes_the_recording(tmp_path: Path) -> None:
+@pytest.mark.parametrize("sent", ["SIGINT", "SIGHUP"])
+def test_ctrl_c_or_a_closed_terminal_finishes_the_recording(tmp_path: Path, sent: str) -> None:
     child = subprocess.Popen(
         [*START, "record", "tape", "--mic", "none", "--eyes", SMOKE],
         cwd=tmp_path,
@@ -76,7 +77,7 @@ def test_ctrl_c_finishes_the_recording(tmp_path: Path) -> None:
     while not (timeline.is_file() and {"eye_left", "eye_right"} <= streams(timeline)):
         assert time.monotonic() < deadline and child.poll() is None
         time.sleep(0.02)
-    child.send_signal(signal.SIGINT)
+    child.send_signal(getattr(signal, sent))
     out, err = child.communicate(timeout=60)
     assert child.returncode == 130, err
     assert "next: livedrive replay tape" in out
@@ -94,6 +95,25 @@ def test_a_recording_that_cannot_be_written_leaves_the_drive_alone(tmp_path: Pat
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("driving goes on") == 1
     assert re.match(r"(1[4-9]|2\d) frames", done.stdout)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
+def test_a_file_that_a_full_disk_has_ended_is_not_called_written(tmp_path: Path) -> None:
+    """Red before: "wrote m.npz", where there was an old one or none."""
+    import resource
+
+    words = ["--headless", "--mic", "none", "--seconds", "0.5", "--motion", "m.npz"]
+    done = subprocess.run(
+        [*START, "run", *words, "--arkit", "a.csv", "--report", "r.json"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
+    )
+    assert done.returncode == 0 and "motion: File too large; it ends here" in done.stderr
+    assert "a.csv" in done.stdout and "m.npz" not in done.stdout
+    assert json.loads((tmp_path / "r.json").read_text())["lost"] == ["m.npz"]
 
 
 @pytest.mark.parametrize(

@@ -42,6 +42,7 @@ def told(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
         ("avatar show ada --picture {}/none/a.png", "mkdir -p"),
         ("avatar show {0}/a.ply --picture {0}/a.jpg --sheet portrait", "a.ply; leave --sheet out"),
         ("avatar show {0}/a.ply --picture {0}/a.jpg --light rim", "leave --light out"),
+        ("avatar show {0}/a.PLY --picture {0}/a.jpg --light rim", "leave --light out"),
         ("avatar show ada --picture {}/a.jpg --sheet lights --light rim", "leave --light out"),
         ("avatar show ada --picture {}/a.jpg --sheet eyes --traverse", "leave --sheet out"),
         ("avatar export ada {}/a.glb", ".ply, got 'a.glb'"),
@@ -198,6 +199,12 @@ def test_a_file_is_no_folder(
     """Red before: status 1, "what was written before it is kept"."""
     (tmp_path / "file").write_text("mine")
     told(words.replace("{}", str(tmp_path / "file")).split(), capsys)
+
+
+def test_a_folder_is_no_file(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: status 1, "what was written before it is kept"."""
+    said = told(["eval", "ab", "--count", str(tmp_path)], capsys)
+    assert "expected a file, got a folder" in said
 
 
 def test_a_replay_replaces_no_file_of_its_session(

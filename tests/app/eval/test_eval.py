@@ -106,6 +106,25 @@ def test_votes_are_counted(tmp_path, capsys):
     (tmp_path / "bad.json").write_text("A")
     with pytest.raises(InputError, match="votes saved by the page, got no JSON"):
         tally((tmp_path / "bad.json",))
+    for rows in ([], [{"choice": "left"}]):  # red before: a share of 0.000 +- 0.000
+        (tmp_path / "bad.json").write_text(json.dumps({"votes": rows}))
+        with pytest.raises(InputError, match="got other JSON, or none"):
+            tally((tmp_path / "bad.json",))
+
+
+def test_one_vote_proves_little(tmp_path):
+    """Red before: 1.000 +- 0.000."""
+    (tmp_path / "v.json").write_text(json.dumps({"votes": [{"choice": "A"}]}))
+    assert tally((tmp_path / "v.json",)) == ["A 1  B 0  A's share 1.000, 0.207 to 1.000 (95 %)"]
+
+
+def test_pairs_are_found_as_a_camera_names_them(tmp_path):
+    """Red before: none, and two folders without a name in common where one is missing."""
+    a, b = videos(tmp_path / "a", "x.MP4"), videos(tmp_path / "b", "x.MP4")
+    make_page(a, b, tmp_path / "ab.html", seed=0)
+    assert "data:video/mp4" in (tmp_path / "ab.html").read_text()
+    with pytest.raises(InputError, match="expected a folder .*none, got none"):
+        find_pairs(a, tmp_path / "none")
 
 
 def test_two_folders_are_compared(tmp_path):

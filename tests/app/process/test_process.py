@@ -1,9 +1,12 @@
 """What crosses between processes: packets whole and in order, memory by either way."""
 
+import multiprocessing
 import os
+import signal
 import subprocess
 import sys
 import threading
+import time
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,9 +15,16 @@ import pytest
 
 from app.process import child, memory
 from app.process.channel import MAX_PACKET, Channel, pair
+from sensors import files
 from sensors.types import InputError
 
 ROOT = Path(__file__).parents[3]
+
+
+def write_slowly(path: Path) -> None:
+    with files.replacing(path) as draft:
+        draft.with_name("begun").touch()
+        time.sleep(60)
 
 
 def received(end: Channel, count: int) -> list[bytes]:
@@ -160,3 +170,22 @@ def test_threads_of_libraries_go_after_the_tick_too() -> None:
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
     threads = done.stdout.split()
     assert len(threads) > 1 and set(threads) == {str(min(before + 3, 19))}, done.stderr
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="a kill there cannot be caught")
+def test_a_pool_ends_without_a_word_and_without_drafts(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As on Ctrl-C, which a terminal sends to all. Red before: tracebacks, and drafts of what was
+    being written."""
+    context = multiprocessing.get_context("spawn")
+    with context.Pool(1, child.begin_worker) as pool:
+        pool.apply_async(write_slowly, (tmp_path / "eyes.npz",))
+        while not (tmp_path / "begun").exists():
+            time.sleep(0.01)
+        (worker,) = multiprocessing.active_children()
+        assert worker.pid
+        os.kill(worker.pid, signal.SIGINT)
+    pool.join()
+    assert [path.name for path in tmp_path.iterdir()] == ["begun"]
+    assert capfd.readouterr().err == ""

@@ -123,6 +123,19 @@ def test_much_is_told_before_it_is_written_and_too_much_is_refused(
         sink.on_start(RunInfo(64, 64, 484))
 
 
+def test_a_full_disk_is_told_with_the_folder(tmp_path: Path) -> None:
+    """Red before: with a spare file of a folder that was gone."""
+    decoder, who = Decoder.load(), identity.load("ben")
+
+    def save(path: Path, _: Gaussians) -> None:
+        raise OSError(28, "No space left on device", str(path))
+
+    sink = CloudSink(tmp_path, 1, ".ply", save, decoder, who)
+    with pytest.raises(OSError) as told:
+        sink.on_start(RunInfo(64, 64, 90))
+    assert told.value.filename == str(tmp_path)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(("suffix", "save"), [(".ply", ply.save), (".glb", gltf.save)])
 def test_the_moving_head_is_a_folder_of_files(

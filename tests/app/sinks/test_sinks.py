@@ -102,6 +102,21 @@ def test_video_has_picture_and_sound_of_equal_length(tmp_path: Path) -> None:
     assert abs(float(grey.mean()) - 4 * 42) < 8  # the last picture is repeated, not black
 
 
+@pytest.mark.parametrize("name", ["v.mp4", "v.mkv", "v.MOV"])
+def test_a_video_that_is_broken_off_plays(tmp_path: Path, name: str) -> None:
+    """Red before: 36 bytes of the first seven seconds of a head, as nothing left a buffer of 256
+    kB."""
+    import av
+
+    sink = VideoSink(tmp_path / name)
+    sink.on_start(RunInfo(64, 64, None))
+    for k in range(80):
+        sink.on_frame(result(k, np.zeros(256, np.float32), np.full((64, 64, 4), k, np.uint8)))
+    with av.open(str(tmp_path / name)) as container:
+        assert len(list(container.decode(video=0))) >= 30
+    sink.close()
+
+
 @pytest.mark.parametrize("name", ["v.avi", "v", "missing/v.mp4"])
 def test_a_bad_video_name_is_refused_at_once(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError):

@@ -77,6 +77,10 @@ def test_a_folder_that_cannot_be_written_costs_one_line(tmp_path: Path) -> None:
     tape.close()
     assert len(told) == 1
     assert "driving goes on" in told[0]
+    LiveRecorder(
+        tmp_path / "file" / "s", created="", devices={}, tell=told.append, alone=True
+    ).close()
+    assert "driving" not in told[1]  # `livedrive record` drives nothing
     assert tape.problem
 
 

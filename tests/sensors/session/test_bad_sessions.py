@@ -11,8 +11,15 @@ from material import tone, video, wav
 
 from sensors.session.export import export
 from sensors.session.files import create, info
-from sensors.session.recording import Recording
-from sensors.types import SAMPLE_RATE, InputError
+from sensors.session.recording import Recording, RecordingWriter
+from sensors.types import (
+    SAMPLE_RATE,
+    AudioPacket,
+    EmotionPacket,
+    HeadPacket,
+    HeadPose,
+    InputError,
+)
 
 
 def cut(path: Path, keep: float) -> Path:
@@ -149,6 +156,22 @@ BAD_SESSIONS |= {
     "expected 4800 samples": lambda d: shorten(d, lines=slice(2)),
     "an object as counts": lambda d: edit(d, counts=[1]),
 }
+
+
+@pytest.mark.parametrize(("stream", "what"), [(b"emotion", "emotions"), (b"head", "poses of the")])
+def test_lines_of_head_and_emotion_are_counted(tmp_path: Path, stream: bytes, what: str) -> None:
+    """Red before: opened without them."""
+    pose = HeadPose((0.0, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0))
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        writer.append(AudioPacket(0, 0, np.zeros(1600, np.float32)))
+        for t_ns in range(2):
+            writer.append(HeadPacket(t_ns, pose, True))
+            writer.append(EmotionPacket(t_ns, "happy"))
+    held = info(tmp_path / "s")
+    assert (held["head_poses"], held["emotions"]) == (2, 2)
+    without(tmp_path / "s", stream)
+    with pytest.raises(InputError, match=f"2 {what}.* as session.json counts, got 1"):
+        info(tmp_path / "s")
 
 
 @pytest.mark.parametrize("words", BAD_SESSIONS)

@@ -101,3 +101,39 @@ def test_sound_that_is_lost_is_told(
     warnings = session.create(tmp_path / "s", tmp_path / "a.wav")["warnings"]
     assert len(warnings) == bool(words)
     assert all(word in warnings[0] for word in words)
+
+
+def heard(folder: Path) -> float:
+    """Loudest sample of a session."""
+    with Recording(folder) as recording:
+        return max(float(np.abs(f.audio).max()) for f in session.replay_frames(recording))
+
+
+@pytest.mark.parametrize("other", [0.0, 1e-4])  # nothing, or noise of an input without microphone
+def test_a_microphone_on_one_channel_is_as_loud_as_it_was(tmp_path: Path, other: float) -> None:
+    """Red before: half as loud, as a channel without a voice was part of the mean."""
+    tone = 0.3 * np.sin(np.arange(SAMPLE_RATE) / 20)
+    noise = other * np.random.default_rng(0).standard_normal(SAMPLE_RATE)
+    soundfile.write(tmp_path / "a.wav", np.stack([noise, tone], 1), SAMPLE_RATE)
+    session.create(tmp_path / "s", tmp_path / "a.wav")
+    assert heard(tmp_path / "s") == pytest.approx(0.3, abs=0.002)
+
+
+def test_a_microphone_on_one_channel_of_a_film_is_as_loud_as_it_was(tmp_path: Path) -> None:
+    """PyAV reads it. Red before: half as loud."""
+    tone = (0.3 * np.sin(np.arange(SAMPLE_RATE) / 20)).astype(np.float32)
+    with av.open(str(tmp_path / "a.mov"), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=SAMPLE_RATE, layout="stereo")
+        both = np.stack([tone, np.zeros_like(tone)])
+        frame = av.AudioFrame.from_ndarray(both, format="fltp", layout="stereo")
+        frame.sample_rate = SAMPLE_RATE
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    session.create(tmp_path / "s", tmp_path / "a.mov")
+    assert heard(tmp_path / "s") == pytest.approx(0.3, abs=0.002)
+
+
+def test_sound_that_stands_in_for_none_is_not_judged(tmp_path: Path) -> None:
+    """As of a Live Link Face take without a sound file."""
+    soundfile.write(tmp_path / "a.wav", np.zeros(SAMPLE_RATE), SAMPLE_RATE)
+    assert session.create(tmp_path / "s", tmp_path / "a.wav", heard=False)["warnings"] == []

@@ -197,8 +197,18 @@ def test_info_is_plain_values(tmp_path: Path) -> None:
     assert got["frames"] == 30
     assert got["eyes"]["right"] == {
         "pictures": 30,
+        "missing": 0,
         "rate_hz": 30.0,
         "first_s": 0.033333,
         "last_s": 1.0,
         "codec": "ffv1",
     }
+
+
+def test_info_knows_of_a_cut_video(tmp_path: Path) -> None:
+    """Red before: 30 pictures, as many as the timeline has."""
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 1.0), [video(tmp_path / "l.mkv", 30)] * 2)
+    eye = tmp_path / "s" / "eye_left.mkv"
+    eye.write_bytes(eye.read_bytes()[: eye.stat().st_size // 2])
+    eyes = info(tmp_path / "s")["eyes"]
+    assert 10 < eyes["left"]["missing"] < 20 and eyes["right"]["missing"] == 0
