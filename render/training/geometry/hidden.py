@@ -88,8 +88,11 @@ def faces(decoder: Decoder) -> Iterator[tuple[Floats, Floats, Sequence[tuple[flo
 def shares(cloud: Gaussians, count: int, camera: Camera) -> Floats:  # [count] 0..1
     """The largest share of a pixel that each of the first `count` Gaussians has among them."""
     number = np.repeat(np.arange(count, dtype=np.float32)[:, None], 3, 1)
-    first = (getattr(cloud, name)[:count] for name in ("means", "quats", "scales", "opacities"))
-    splats = reference.project(Gaussians(*first, number), camera)
+    first = Gaussians(
+        cloud.means[:count], cloud.quats[:count], cloud.scales[:count], cloud.opacities[:count],
+        number,
+    )  # fmt: skip
+    splats = reference.project(first, camera)
     conics = np.linalg.inv(splats.cov)
     most = _blend(
         splats.xy, np.sqrt(np.diagonal(splats.cov, axis1=1, axis2=2)) * REACH,
