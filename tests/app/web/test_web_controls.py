@@ -75,13 +75,16 @@ def test_what_cannot_be_picked_is_refused(data: bytes) -> None:
 
 
 def test_picks_reach_the_loop_and_every_page(talker: Talker) -> None:
+    asked: dict[str, Any] = {"emotion": "sad:0.5", "muted": True}
+
     async def work() -> None:
         async with (
             aiohttp.ClientSession() as session,
             socket_to(talker, "head", max_msg_size=0) as ws,
         ):
             address, before = f"{talker.address}controls", await ws.receive_bytes()
-            asked = {"avatar": "ada", "emotion": "sad:0.5", "muted": True}
+            now = (await (await session.get(f"{talker.address}offers")).json())["controls"]
+            asked["avatar"] = next(name for name in now["avatars"] if name != now["avatar"])
             assert (await session.post(address, json=asked)).status == 200
             while (data := await ws.receive_bytes())[0] != before[0]:
                 pass  # ticks of the head that was shown before
@@ -100,7 +103,7 @@ def test_picks_reach_the_loop_and_every_page(talker: Talker) -> None:
             assert 429 in flood
 
     play(work)
-    assert talker.link.picks() == {"avatar": "ada", "emotion": "sad:0.5", "muted": True}
+    assert talker.link.picks() == asked
     assert talker.link.picks() == {}
 
 
