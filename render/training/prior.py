@@ -45,7 +45,7 @@ class Preset:
 
     people: int
     poses: int  # of each person, beside the neutral face
-    gaussians: int  # asked for; two fifths are never seen and left out
+    gaussians: int  # asked for; a quarter is never seen and left out
     fit_people: int
     steps: int  # of the networks
 

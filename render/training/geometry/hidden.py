@@ -20,7 +20,6 @@ from render.types import Camera, Floats, Gaussians
 
 PICTURE_PX = 768
 LEAST = 0.02  # of a pixel
-REACH = 3.2  # deviations, beyond which alpha is under 1/255
 AROUND = (
     *((0, 0), (25, 8), (-25, -8), (45, 0), (-45, 0), (70, 10), (-70, 10), (0, 25), (0, -25)),
     *((90, 0), (-90, 0), (125, 0), (-125, 0), (180, 0), (180, 25), (90, -25), (-90, -25)),
@@ -95,7 +94,7 @@ def shares(cloud: Gaussians, count: int, camera: Camera) -> Floats:  # [count] 0
     splats = reference.project(first, camera)
     conics = np.linalg.inv(splats.cov)
     most = _blend(
-        splats.xy, np.sqrt(np.diagonal(splats.cov, axis1=1, axis2=2)) * REACH,
+        splats.xy, splats.half_size,
         conics[:, 0, 0], conics[:, 0, 1], conics[:, 1, 1], splats.opacities,
         camera.width, camera.height,
     )  # fmt: skip

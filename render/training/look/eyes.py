@@ -45,7 +45,7 @@ def picture(face: FaceData, name: str) -> Floats:  # [SIZE, SIZE, 3] stored, 0..
     return np.sqrt(np.clip(iris * edge + white * (1 - edge), 0, 1)).astype(np.float32)
 
 
-def toned(picture: Floats, whites: tuple[float, float, float], irises: float = 1.0) -> Floats:
+def toned(picture: Floats, whites: tuple[float, float, float], irises: float) -> Floats:
     """A picture of an eye with other whites and irises: gains of their linear colour."""
     share = np.clip((_places()[2] / IRIS_DEG - 0.94) / 0.10, 0, 1)[..., None]
     gain = np.sqrt(irises) + share * (np.sqrt(np.array(whites)) - np.sqrt(irises))

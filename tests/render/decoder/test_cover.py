@@ -67,8 +67,8 @@ def test_what_a_lid_covers_takes_its_colour(decoder):
         lining = np.setdiff1d(of.covered, of.ball)  # red before: black, and seen through the lid
         mesh, cloud = decoder.decode(sheet.code(decoder, sheet.BLINK), AHEAD, who)
         clear = [line.clearance(mesh.vertices, point) for point in cloud.means[lining]]
-        deep = lining[np.array(clear) < -3]
-        assert len(deep) > 10 and np.median(np.abs(shut[deep] - lid)) < 0.03
+        deep = lining[np.array(clear) < -2]
+        assert len(deep) > 20 and np.median(np.abs(shut[deep] - lid)) < 0.03
 
 
 @pytest.mark.parametrize("yaw, pitch", [(0, 0), (-60, 0), (35, 0), (0, 20), (0, -20)])
@@ -171,9 +171,10 @@ def test_only_teeth_in_front_are_drawn(decoder):
     mesh, head = prior_file.template(tensors), decoder.surface
     rows = head.share_on(head.used[tensors["teeth_rows"]]) > 0.99
     points = head.interpolate @ mesh[head.used]
-    for side in (points[:, 1] < -34, points[:, 1] > -33):
+    for side, back in ((points[:, 1] < -34, 75), (points[:, 1] > -33, 73)):
         opacities, depth = decoder.opacities[rows & side], points[rows & side, 2]
-        assert opacities[depth < 73].max(initial=0) == 0 and np.median(opacities[depth > 101]) > 0.5
+        farthest = opacities[depth < back + 1]
+        assert len(farthest) and farthest.max() < 0.1 and np.median(opacities[depth > 101]) > 0.5
 
 
 def test_skin_of_a_thin_head_is_as_wide_as_the_holes_beside_it():
