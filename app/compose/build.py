@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from app.compose.live import open_page, open_xr, tell
 from app.compose.settings import DriveSettings, FileSettings, HeadMode
 from app.drive import background
-from app.drive.controls import ControlPanel, WithPage
-from app.drive.emotion import EmotionControl, said_with
+from app.drive.controls import ControlPlace, Controls, Panel
+from app.drive.emotion import said_with
 from app.drive.emotion_port import OscPort
 from app.drive.loop import Drive
 from app.drive.sink import Expendable, RunInfo, Sink
@@ -61,6 +61,9 @@ def build(
     page: "WebSink | None" = None,  # already open; else the settings open one
     xr: "XrSink | None" = None,  # the same
     seats: "Seats | None" = None,  # of a call: partners are drawn too
+    places: Sequence[
+        ControlPlace
+    ] = (),  # where controls are changed, beside window, page and --listen
 ) -> Drive:
     """All parts of a run; sinks and source are opened by `drive`."""
     from app.sinks.table import Outlet, open_all
@@ -71,14 +74,16 @@ def build(
     compiling.announce(tell)
     who, decoder = identity.load(settings.avatar), Decoder.load(gaussians=settings.gaussians)
     frames = source.info.num_frames
-    stages, emotions = Stages(), _emotion_control(settings, driver)
+    stages, emotion = Stages(), _emotion(settings, driver)
+    listen = settings.listen
+    port = None if listen is None else OscPort(LOOPBACK, listen, driver.check_emotion)
     driver.alive = _alive(settings.head, decoder)
     page, xr = page or open_page(settings, clock), xr or open_xr(settings, clock)
     if page and driver.emotions:
-        page.link.say(emotions=driver.emotions.labels, controls={"emotion": emotions.start})
+        page.link.say(emotions=driver.emotions.labels, controls={"emotion": emotion})
     outlet = Outlet(decoder, settings.avatar, clock, settings.network.gains)
     network = [*open_all(settings.network.send, outlet), *([page] if page else [])]
-    window = _window(settings, emotions, driver, clock, stages, tape, frames, seats)
+    window = _window(settings, emotion, driver, clock, stages, tape, frames, seats)
     view = _view(settings, decoder, who, clock, seats) if settings.needs_picture else None
     files = _file_sinks(settings, decoder, who)
     return Drive(
@@ -93,23 +98,18 @@ def build(
             *([xr] if xr else []),
         ],
         view=view,
-        panel=_panel(window, page, who),
-        emotions=emotions,
+        panel=Panel(
+            Controls(avatar=who.name, emotion=emotion),
+            [place for place in (window, page and page.link, port, *places) if place],
+        ),
+        ports=[port] if port else [],
         record=tape.append if tape else None,
         stages=stages,
         info=RunInfo(width=settings.size, height=settings.size, frames=frames),
         seed=settings.seed,
+        emotion=emotion or "",
         realtime=settings.realtime,
     )
-
-
-def _panel(
-    window: "WindowSink | None", page: "WebSink | None", who: "Identity"
-) -> ControlPanel | None:
-    if page is None:
-        return window
-    link = page.link
-    return WithPage(window, link.picks, who.name, lambda changed: link.say(controls=changed))
 
 
 def _alive(mode: HeadMode, decoder: "Decoder") -> "Alive | None":
@@ -127,13 +127,6 @@ def _emotion(settings: DriveSettings, driver: "Driver") -> str | None:
     if settings.emotion and driver.emotions:
         return said_with(driver.emotions.labels, settings.emotion, settings.clip)
     return settings.emotion
-
-
-def _emotion_control(settings: DriveSettings, driver: "Driver") -> EmotionControl:
-    port = None
-    if settings.listen is not None:
-        port = OscPort(LOOPBACK, settings.listen, driver.check_emotion)
-    return EmotionControl(_emotion(settings, driver), port)
 
 
 def _view(
@@ -163,7 +156,7 @@ def _company(
 
 def _window(
     settings: DriveSettings,
-    emotions: EmotionControl,
+    emotion: str | None,
     driver: "Driver",
     clock: Clock,
     stages: Stages,
@@ -182,7 +175,7 @@ def _window(
         avatar=settings.avatar,
         avatars=tuple(dict.fromkeys([*identity.names(), settings.avatar])),  # or a file
         emotions=driver.emotions.labels if driver.emotions else (),
-        emotion=emotions.start or "",
+        emotion=emotion or "",
         can_record=tape is not None,
         live=frames is None,
         frames=frames,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.call.live.gate import Gate
-from app.call.live.link import CallLink, CallMicrophone, CallPanel, CallSink
+from app.call.live.link import CallLink, CallMicrophone, CallSink
 from app.call.live.protocol import CallSettings
 from app.compose.live import tell
 from app.compose.settings import SoundSettings
@@ -39,11 +39,10 @@ def through_call(
 
 
 def with_call(parts: Drive, link: CallLink) -> Drive:
-    """The parts of a live run, with the call as one more sink, told of the mute button; what is
-    muted does not reach the driver."""
-    panel = CallPanel(parts.panel, link) if parts.panel else None
+    """The parts of a live run, with the call as one more sink; what is muted does not reach
+    the driver."""
     source = Gate(parts.source, link)
-    return replace(parts, source=source, sinks=[*parts.sinks, CallSink(link, tell)], panel=panel)
+    return replace(parts, source=source, sinks=[*parts.sinks, CallSink(link, tell)])
 
 
 class _Collect:

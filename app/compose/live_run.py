@@ -9,6 +9,7 @@ from app.compose.live import live_source, open_page, open_recorder, open_xr
 from app.compose.report import report, sensor_report
 from app.compose.settings import DriveSettings, LiveSettings
 from app.drive.calibration import in_session, of_user
+from app.drive.controls import ControlPlace
 from app.drive.loop import Drive, Summary
 from app.drive.sink import Sink
 
@@ -49,7 +50,12 @@ class LiveRun:
         if self._page and self.settings.network.sound:
             link.on_played.append(self._page.link.hear)
 
-    def build(self, tape: "Tape | CallTape", sinks: Sequence[Sink] = ()) -> Drive:
+    def build(
+        self,
+        tape: "Tape | CallTape",
+        sinks: Sequence[Sink] = (),
+        places: Sequence[ControlPlace] = (),
+    ) -> Drive:
         from sensors.audio.portaudio import silence_native_messages
 
         silence_native_messages()
@@ -63,6 +69,7 @@ class LiveRun:
             page=self._page,
             xr=self._xr,
             seats=self._seats,
+            places=places,
         )
 
     def report(self, parts: Drive, summary: Summary) -> dict[str, Any]:

@@ -55,7 +55,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
         "checkpoint": STUDENTS[condition],
         "avatar": settings.avatar,
         "gaussians": settings.gaussians,
-        "emotion": parts.emotions.start or "",
+        "emotion": parts.emotion,
         "stages": parts.stages.summary(),
         **({"lost": lost} if lost else {}),  # outputs that a full disk has ended
         **({"network": counts} if network else {}),

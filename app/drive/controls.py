@@ -1,6 +1,6 @@
 """Controls of a running head; the loop reads them at the start of every tick."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
@@ -14,7 +14,7 @@ class Controls:
     """All of it at one moment. A request is new when its counter has grown."""
 
     avatar: str  # who is driven
-    emotion: str | None = None  # words like "happy:0.7"; None: none picked here
+    emotion: str | None = None  # words like "happy:0.7"; None: as the source has it
     muted: bool = False  # sound is replaced by silence, also in a recording
     recording: bool = False
     recentred: int = 0  # how often "this is straight ahead" was asked for
@@ -22,42 +22,44 @@ class Controls:
     closed: bool = False  # end the run
 
 
-SHARED = ("avatar", "emotion", "muted")  # fields that people at a page may change, too
+SHARED = ("avatar", "emotion", "muted")  # fields that can be changed at several places
 
 
 class ControlPanel(Protocol):
-    """Where controls come from: the window, or a test."""
+    """Where controls come from: a Panel, or a test."""
 
     def read(self) -> Controls:
         """The controls as they are now; never blocks."""
         ...
 
 
-class WithPage:
-    """A panel with what people at the page picked laid over it; what was changed last holds."""
+class ControlPlace(Protocol):
+    """Where people or programs change the controls, and see how they stand: window, page, ..."""
 
-    def __init__(
-        self,
-        panel: ControlPanel | None,  # None: there is the page alone
-        picks: Callable[[], dict[str, Any]],  # fields of Controls, new since the last call
-        avatar: str,
-        tell: Callable[[dict[str, Any]], None] = lambda _: None,  # what was changed at the panel
-    ) -> None:
-        self._panel, self._picks, self._tell = panel, picks, tell
-        self._before = Controls(avatar=avatar)
-        self._picked: dict[str, Any] = {}
-        self._started = False
+    def picks(self) -> dict[str, Any]:
+        """Fields of Controls that were changed here since the last call; never blocks."""
+        ...
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """What was changed elsewhere, of those in SHARED."""
+        ...
+
+
+class Panel:
+    """One state of the controls for all places; what was changed last holds, and all show it."""
+
+    def __init__(self, controls: Controls, places: Sequence[ControlPlace] = ()) -> None:
+        self._controls, self._places = controls, places
 
     def read(self) -> Controls:
-        wanted = self._panel.read() if self._panel else self._before
-        new = {k: getattr(wanted, k) for k in SHARED} if self._started else {}
-        changed = {k: v for k, v in new.items() if v != getattr(self._before, k)}
-        self._before, self._started = wanted, True
-        picks = self._picks()
-        self._picked = {k: v for k, v in self._picked.items() if k not in changed} | picks
-        if told := {k: v for k, v in changed.items() if k not in picks}:
-            self._tell(told)
-        return replace(wanted, **self._picked)
+        for place in self._places:
+            picks = place.picks()
+            self._controls = replace(self._controls, **picks)
+            if shared := {k: v for k, v in picks.items() if k in SHARED}:
+                for other in self._places:
+                    if other is not place:
+                        other.show(shared)
+        return self._controls
 
 
 def muted(packet: Packet) -> Packet:

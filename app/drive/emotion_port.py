@@ -1,6 +1,6 @@
 """Emotions from other programs: OSC messages over UDP, heard beside the tick.
 
-    datagram -> messages (sensors/osc.py) -> words -> check -> the newest, which the tick takes
+    datagram -> messages (sensors/osc.py) -> words -> check -> the newest, which the panel takes
 
 Anybody who reaches the port may send anything.
 """
@@ -11,6 +11,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable
+from typing import Any
 
 from sensors import osc
 from sensors.listening import cannot_listen
@@ -45,11 +46,14 @@ class OscPort:
     def port(self) -> int:
         return int(self._socket.getsockname()[1])
 
-    def read(self) -> str | None:
-        """The newest good words since the last call, or None; never waits."""
+    def picks(self) -> dict[str, Any]:
+        """The emotion in the newest good words since the last call; never waits."""
         with contextlib.suppress(IndexError):
-            return self._newest.pop()
-        return None
+            return {"emotion": self._newest.pop()}
+        return {}
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """Nothing is shown here: nobody asks."""
 
     def close(self) -> None:
         self._closed.set()

@@ -34,11 +34,12 @@ class Drive:
     sinks: Sequence[Sink] = ()
     view: View | None = None  # None: codes only, nothing is drawn
     panel: ControlPanel | None = None
-    emotions: EmotionControl = field(default_factory=EmotionControl)
+    ports: "Sequence[Closable]" = ()  # of the panel, closed at the end
     record: Callable[[Packet], None] | None = None  # sees what the driver gets, before assembly
     stages: Stages = field(default_factory=Stages)
     info: RunInfo = RunInfo(0, 0, None)
     seed: int = 0
+    emotion: str = ""  # that was asked for at the start
     realtime: bool = False
 
 
@@ -59,7 +60,7 @@ def drive(parts: Drive) -> Summary:
     """Run until the source is exhausted, the panel is closed or Ctrl-C; every part is closed."""
     source, driver, clock, stages = parts.source, parts.driver, parts.clock, parts.stages
     summary, state, assembler = Summary(), driver.init_state(parts.seed), Assembler()
-    controls = Controls(avatar="")  # as they were applied
+    controls, emotions = Controls(avatar=""), EmotionControl()  # as they were applied
     with _running(parts):
         start_ns = clock.now_ns()
         live = source.info.duration_ns is None
@@ -75,7 +76,7 @@ def drive(parts: Drive) -> Summary:
                 controls = wanted
             with stages("tick"):
                 with stages("assemble"):
-                    for packet in parts.emotions.inject_emotion(source.poll(), controls.emotion):
+                    for packet in emotions.inject_emotion(source.poll(), controls.emotion):
                         heard = muted(packet) if controls.muted else packet
                         if parts.record:
                             parts.record(heard)
@@ -137,7 +138,7 @@ def _running(parts: Drive) -> Generator[None]:
             gc.enable()
         gc.unfreeze()
         view = [parts.view] if parts.view else []
-        _close([parts.source, *opened, parts.emotions, parts.driver, *view])
+        _close([parts.source, *opened, *parts.ports, parts.driver, *view])
 
 
 def _close(parts: Sequence[Closable]) -> None:

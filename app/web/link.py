@@ -82,10 +82,14 @@ class ServerLink:
             self.ended = True
 
     def say(self, **words: Any) -> None:
-        """Tell the server `emotions` that a page may pick, `controls` changed elsewhere, or the
-        `target` of a calibration."""
+        """Tell the server `emotions` that a page may pick, `controls`, or the `target` of a
+        calibration."""
         with contextlib.suppress(OSError):
             self._end.send(json.dumps(words).encode())
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """Controls that were changed elsewhere."""
+        self.say(controls=changed)
 
     def hear(self, samples: bytes) -> None:
         """Let pages play this: 48 kHz mono, 16 bits. From any thread."""

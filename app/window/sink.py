@@ -9,13 +9,15 @@ is a tick of 320 kB, in shared memory.
 
 import subprocess
 from collections.abc import Callable
-from typing import Protocol
+from dataclasses import replace
+from typing import Any, Protocol
 
 import numpy as np
 
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult, RunInfo
 from app.process import child
+from app.window.state import picks
 from app.window.state.shared import SharedMemory, WindowInfo
 from sensors.types import NS, Clock, InputError
 
@@ -33,7 +35,7 @@ class PanelTape(Protocol):
 
 
 class WindowSink:
-    """Shows the driven head, and is the ControlPanel of the run."""
+    """Shows the driven head, and is where a person controls the run."""
 
     def __init__(
         self,
@@ -46,11 +48,9 @@ class WindowSink:
         self._info, self._clock, self._stage_ms, self._tape = info, clock, stage_ms, tape
         self._memory = SharedMemory()
         self._memory.controls["avatar"] = info.avatars.index(info.avatar)
-        name, _, intensity = info.emotion.partition(":")
-        if name in info.emotions:
-            self._memory.controls["emotion"] = info.emotions.index(name)
-            self._memory.controls["intensity"] = float(intensity or 1)
         self._memory.controls["recording"] = tape is not None and tape.wanted
+        picks.write(self._memory.controls, info, {"emotion": info.emotion})
+        self._before = picks.read(self._memory.controls, info)
         memories = [self._memory.handle, *([info.seats] if info.seats else [])]
         self._process = child.start("app.window", info, memories)
         self._crashed = False
@@ -91,27 +91,28 @@ class WindowSink:
 
     def read(self) -> Controls:
         """What the person at the window asks for. A crashed window asks for nothing new."""
-        controls, info = self._memory.controls, self._info
+        controls = self._memory.controls
         if not self._crashed and not controls["closed"] and self._process.poll() is not None:
             self._crashed = True
             print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
         if self._tape is not None and self._tape.failed:
             controls["recording"] = False  # the button shows it
-        emotion = info.emotions[int(controls["emotion"])] if controls["emotion"] >= 0 else None
-        if emotion and controls["intensity"] < 1:
-            emotion += f":{controls['intensity']:.2f}"
-        wanted = Controls(
-            avatar=info.avatars[int(controls["avatar"])],
-            emotion=emotion,
-            muted=bool(controls["muted"]),
-            recording=bool(controls["recording"]),
-            recentred=int(controls["recentred"]),
-            resets=int(controls["resets"]),
-            closed=bool(controls["closed"]),
-        )
+        wanted = picks.read(controls, self._info)
         if self._tape is not None:
             self._tape.apply(wanted)
         return wanted
+
+    def picks(self) -> dict[str, Any]:
+        """What the person there has changed since the last call: fields of Controls."""
+        now, before = vars(self.read()), vars(self._before)
+        self._before = Controls(**now)
+        return {name: value for name, value in now.items() if value != before[name]}
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """Controls that were changed elsewhere."""
+        picks.write(self._memory.controls, self._info, changed)
+        now = vars(picks.read(self._memory.controls, self._info))
+        self._before = replace(self._before, **{name: now[name] for name in changed})
 
     def close(self) -> None:
         self._memory.controls["ending"] = True

@@ -20,7 +20,6 @@ from app.call.live.echo import EchoCanceller
 from app.call.live.protocol import CallSettings
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
-from app.drive.controls import ControlPanel, Controls
 from app.drive.sink import FrameResult, RunInfo
 from app.process import child
 from app.process.channel import pair
@@ -42,6 +41,7 @@ class CallLink:
         self.error = ""
         self.ended = False
         self.muted = self.eyes_muted = False
+        self._shown = False  # whether the panel has it muted
         self.on_played: list[Callable[[bytes], None]] = []  # each gets what the partners say
         self._tell = tell
         self._avatars = tempfile.TemporaryDirectory(prefix="livedrive-call-")
@@ -70,6 +70,17 @@ class CallLink:
         self.muted = bool(state.get("muted", self.muted))
         self.eyes_muted = bool(state.get("eyes_muted", self.eyes_muted))
         self.post(protocol.pack_json(protocol.STATE, state))
+
+    def picks(self) -> dict[str, Any]:
+        """Whether somebody in the terminal has muted, or no longer: fields of Controls."""
+        before, self._shown = self._shown, self.muted
+        return {"muted": self._shown} if self._shown != before else {}
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """The mute button of a window or a page."""
+        if "muted" in changed:
+            self._shown = changed["muted"]
+            self.change(muted=self._shown)
 
     def post(self, packet: bytes) -> None:
         try:
@@ -206,19 +217,3 @@ class CallSink:
     def network_report(self) -> dict[str, Any]:
         """{"call": what each partner's line did}."""
         return {"call": self._link.report}
-
-
-class CallPanel:
-    """Reports the mute button to the call; passes everything else to the loop unchanged."""
-
-    def __init__(self, panel: ControlPanel, link: CallLink) -> None:
-        self._panel, self._link = panel, link
-        self._told: tuple[bool, ...] = ()
-
-    def read(self) -> Controls:
-        controls = self._panel.read()
-        state = (controls.muted,)
-        if state != self._told:
-            self._told = state
-            self._link.change(muted=controls.muted)
-        return controls

@@ -83,7 +83,7 @@ class CallOptions(LiveDriveOptions):
             run.hear_at_page(link)
             tape = CallTape(link, self.record, run.open_recorder)
             with ends_on_signals(run.source) as signals:
-                parts = run.build(tape, [SensorNotes(run.source, tell)])
+                parts = run.build(tape, [SensorNotes(run.source, tell)], [link])
                 invite = link.start(run.clock)  # now that all else that was asked for is there
                 print(self.opening(invite), flush=True)
                 listen_to_keys(link, run.source.stop, tell, self.accept)

@@ -81,8 +81,8 @@ def pick(label: str, chosen: str, names: tuple[str, ...], width: float) -> str:
 def slider(label: str, value: float) -> float:
     """A slider over the full width, 0..1, with a percentage."""
     imgui.set_next_item_width(imgui.get_content_region_avail().x)
-    _, percent = imgui.slider_float(f"##{label}", 100 * value, 0, 100, f"{label} %.0f%%")
-    return min(max(percent / 100, 0.0), 1.0)
+    moved, percent = imgui.slider_float(f"##{label}", 100 * value, 0, 100, f"{label} %.0f%%")
+    return min(max(percent / 100, 0.0), 1.0) if moved else value
 
 
 def switch(label: str, on: bool) -> bool:

@@ -45,15 +45,20 @@ def _who(state: State, fonts: theme.Fonts) -> None:
     if info.emotions:
         imgui.same_line(left + width + gap)
         parts.heading("Emotion", fonts, first=True)
-    chosen = parts.pick("avatar", state.avatar, info.avatars, width)
-    controls["avatar"] = info.avatars.index(chosen)
+    # Only what a person has changed is written: others write the controls, too.
+    avatar = state.avatar
+    if (chosen := parts.pick("avatar", avatar, info.avatars, width)) != avatar:
+        controls["avatar"] = info.avatars.index(chosen)
     if info.emotions:
         imgui.same_line()
-        names = (AUTOMATIC, *info.emotions)
-        chosen = parts.pick("emotion", names[int(controls["emotion"]) + 1], names, width)
-        controls["emotion"] = names.index(chosen) - 1
-        if controls["emotion"] >= 0:
-            controls["intensity"] = parts.slider("intensity", float(controls["intensity"]))
+        names = (AUTOMATIC, *state.emotions)
+        emotion = names[int(controls["emotion"]) + 1]
+        if (chosen := parts.pick("emotion", emotion, names, width)) != emotion:
+            controls["emotion"] = names.index(chosen) - 1
+        if 0 <= controls["emotion"] < len(info.emotions):
+            before = float(controls["intensity"])
+            if (intensity := parts.slider("intensity", before)) != before:
+                controls["intensity"] = intensity
 
 
 def _sound(state: State, fonts: theme.Fonts) -> None:

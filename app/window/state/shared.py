@@ -44,7 +44,8 @@ CONTROLS = np.dtype(
         ("muted", "?"),
         ("recording", "?"),
         ("avatar", "<i8"),  # index into WindowInfo.avatars
-        ("emotion", "<i8"),  # index into WindowInfo.emotions; -1: none
+        ("emotion", "<i8"),  # index into WindowInfo.emotions; one more: `words`; -1: none
+        ("words", "S1024"),  # of an emotion that has no name in the list: a mixture
         ("intensity", "<f4"),  # of the emotion, 0..1
         ("recentred", "<i8"),
         ("resets", "<i8"),

@@ -39,6 +39,12 @@ class State:
         return self.info.avatars[int(self.controls["avatar"])]
 
     @property
+    def emotions(self) -> tuple[str, ...]:
+        """What can be picked: the names, and a mixture that was told once."""
+        words = bytes(self.controls["words"]).decode()
+        return (*self.info.emotions, *([words] if words else []))
+
+    @property
     def fill(self) -> Fill:
         """What lies behind the head."""
         return FILLS.get(self.background, (*self.custom, 1.0))

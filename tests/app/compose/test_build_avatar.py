@@ -29,9 +29,9 @@ def test_the_window_takes_a_file(file: str, monkeypatch: pytest.MonkeyPatch) -> 
     """Red before: ValueError, as the list of names did not have it."""
     monkeypatch.setattr("app.window.sink.child.start", lambda *words: None)
     settings = DriveSettings(avatar=file, window=True)
-    emotions, driver = SimpleNamespace(start=None), SimpleNamespace(emotions=None)
+    driver = SimpleNamespace(emotions=None)
     window = build._window(  # noqa: SLF001
-        settings, emotions, driver, ManualClock(), Stages(), None, None, None  # type: ignore[arg-type]
+        settings, None, driver, ManualClock(), Stages(), None, None, None  # type: ignore[arg-type]
     )  # fmt: skip
     assert isinstance(window, WindowSink)
     monkeypatch.setattr(window, "_process", SimpleNamespace(poll=lambda: None, wait=lambda s: 0))

@@ -1,11 +1,11 @@
-"""Whose emotion is shown, and that a session keeps it: words -> packet -> recording -> replay."""
+"""Which emotion is shown, and that a session keeps it: words -> packet -> recording -> replay."""
 
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from app.drive.controls import Controls
+from app.drive.controls import Controls, Panel
 from app.drive.emotion import EmotionControl
 from app.drive.loop import Drive, drive
 from app.drive.sink import FrameResult, RunInfo
@@ -23,15 +23,15 @@ def sound(k: int) -> AudioPacket:
     return AudioPacket(k * NS // FPS, k * 1600, np.full(1600, 0.1, np.float32))
 
 
-def words_of(control: EmotionControl, packets: list[Packet], picked: str | None = None) -> list:
-    led = list(control.inject_emotion(packets, picked))
+def words_of(control: EmotionControl, packets: list[Packet], words: str | None = None) -> list:
+    led = list(control.inject_emotion(packets, words))
     return [p.words if isinstance(p, EmotionPacket) else "-" for p in led]
 
 
-def test_the_newest_wish_wins_and_is_said_once() -> None:
-    control = EmotionControl("happy")
+def test_words_are_said_once() -> None:
+    control = EmotionControl()
     assert words_of(control, [], "sad") == []
-    assert words_of(control, [sound(0), sound(1)], "sad") == ["happy", "-", "-"]  # as it opened
+    assert words_of(control, [sound(0), sound(1)], "sad") == ["sad", "-", "-"]
     assert words_of(control, [sound(2)], "sad") == ["-"]
     assert words_of(control, [sound(3)], "angry:0.5") == ["angry:0.5", "-"]
     assert words_of(control, [sound(4)], None) == ["", "-"]
@@ -41,7 +41,7 @@ def test_what_was_recorded_counts_until_somebody_asks_for_more() -> None:
     recorded = [EmotionPacket(5, "sad"), sound(0), EmotionPacket(9, ""), sound(1)]
     assert words_of(EmotionControl(), recorded) == ["sad", "-", "", "-"]
     assert next(iter(EmotionControl().inject_emotion(recorded, None))) is recorded[0]
-    assert words_of(EmotionControl("neutral"), recorded) == ["neutral", "-", "-"]
+    assert words_of(EmotionControl(), recorded, "neutral") == ["neutral", "-", "-"]
     control = EmotionControl()
     assert words_of(control, recorded[:2], None) == ["sad", "-"]
     assert words_of(control, [sound(1)], "happy") == ["happy", "-"]
@@ -115,14 +115,14 @@ class Nothing:
     def close(self) -> None: ...
 
 
-def run(source, emotions: EmotionControl, record=None) -> list[str]:  # noqa: ANN001
+def run(source, emotion: str | None = None, record=None) -> list[str]:  # noqa: ANN001
     driver, clock = Echo(), ManualClock()
     parts = Drive(
         source=source,
         driver=driver,  # type: ignore[arg-type]
         clock=clock,
         sinks=[Nothing()],
-        emotions=emotions,
+        panel=Panel(Controls("ben", emotion)),
         record=record,
     )
     drive(parts)
@@ -132,14 +132,14 @@ def run(source, emotions: EmotionControl, record=None) -> list[str]:  # noqa: AN
 @pytest.mark.slow
 def test_a_run_is_recorded_with_its_emotion_and_replays_with_it(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "tape", created="") as writer:
-        assert run(Sounds(), EmotionControl("sad:0.5"), writer.append) == ["sad:0.5"] * 10
+        assert run(Sounds(), "sad:0.5", writer.append) == ["sad:0.5"] * 10
     line = (tmp_path / "tape" / "timeline.jsonl").read_text().splitlines()[0]
     assert line == '{"stream":"emotion","t_ns":0,"words":"sad:0.5"}'
     for eyes in (True, False):
         source = ReplaySource(Recording(tmp_path / "tape"), ManualClock(), eyes=eyes)
-        assert run(source, EmotionControl()) == ["sad:0.5"] * 10
+        assert run(source) == ["sad:0.5"] * 10
     source = ReplaySource(Recording(tmp_path / "tape"), ManualClock())
-    assert run(source, EmotionControl("neutral")) == ["neutral"] * 10
+    assert run(source, "neutral") == ["neutral"] * 10
 
 
 def test_a_killed_recording_keeps_its_emotions(tmp_path: Path) -> None:

@@ -13,10 +13,10 @@ import pytest
 from pythonosc.osc_message_builder import OscMessageBuilder
 from test_live_commands import ROOT, START
 
-from app.drive.emotion import EmotionControl
+from app.drive.controls import Controls, Panel
 from app.drive.emotion_port import ADDRESS, MAX_DATAGRAM, MAX_TOLD, OscPort, words_in
 from sensors.osc import MAX_NESTING
-from sensors.types import AudioPacket, EmotionPacket, InputError
+from sensors.types import InputError
 
 LABELS = ("happy", "sad", "angry")
 LATIN_1 = b"/livedrive/emotion\0\0,s\0\0\xff\xfe\0\0"
@@ -62,10 +62,10 @@ def send(number: int, *datagrams: bytes) -> None:
 def heard(port: OscPort) -> str:
     """The next words."""
     deadline = time.monotonic() + 40
-    while (words := port.read()) is None:
+    while not (picks := port.picks()):
         assert time.monotonic() < deadline, "heard nothing"
         time.sleep(0.005)
-    return words
+    return picks["emotion"]
 
 
 def test_words_are_read_from_messages_and_bundles() -> None:
@@ -109,22 +109,18 @@ def test_a_hostile_datagram_says_nothing(kind: str, caplog: pytest.LogCaptureFix
 def test_a_program_on_this_machine_changes_the_emotion(
     port: OscPort, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert port.read() is None
+    assert port.picks() == {}
     send(port.port, *HOSTILE.values(), message(ADDRESS, "furious"), message(ADDRESS, "sad", 0.5))
-    assert heard(port) == "sad:0.5" and port.read() is None
+    assert heard(port) == "sad:0.5" and port.picks() == {}
     assert "got 'furious'" in capsys.readouterr().err
     send(port.port, *[message(ADDRESS, "furious")] * (MAX_TOLD + 9), message(ADDRESS, "angry"))
     assert heard(port) == "angry"
     assert capsys.readouterr().err.count("\n") == MAX_TOLD - 1  # with the one before
-    control = EmotionControl("happy", port)
+    panel = Panel(Controls("ben", "happy"), [port])
     send(port.port, message(ADDRESS, "angry:0.5"))
-    sound, deadline = AudioPacket(0, 0, []), time.monotonic() + 40  # type: ignore[arg-type]
-    said: list[str] = []
-    while said != ["happy", "angry:0.5"] and said != ["angry:0.5"]:
-        assert time.monotonic() < deadline, said
-        said += [
-            p.words for p in control.inject_emotion([sound], None) if isinstance(p, EmotionPacket)
-        ]
+    deadline = time.monotonic() + 40
+    while panel.read() != Controls("ben", "angry:0.5"):
+        assert time.monotonic() < deadline
 
 
 def test_a_taken_port_is_said(port: OscPort) -> None:

@@ -9,7 +9,6 @@ import pytest
 from browser import open_page
 from web_client import Talker, play, serving, socket_to, wait_until
 
-from app.drive.controls import Controls, WithPage
 from app.web.cloud import CloudReader
 from app.web.messages import Picks
 from render.decoder.decoder import Decoder
@@ -23,31 +22,6 @@ def talker(decoder: Decoder) -> Iterator[Talker]:
         made.link.say(emotions=["happy", "sad"])
         made.tick(3)
         yield made
-
-
-class Panel:
-    """A window in which somebody picks."""
-
-    def __init__(self) -> None:
-        self.now = Controls(avatar="ben")
-
-    def read(self) -> Controls:
-        return self.now
-
-
-def test_what_was_changed_last_holds() -> None:
-    panel, picks, told = Panel(), list[dict[str, Any]](), list[dict[str, Any]]()
-    both = WithPage(panel, lambda: picks.pop() if picks else {}, "ben", told.append)
-    assert both.read() == panel.now
-    picks.append({"emotion": "sad", "muted": True})
-    assert both.read() == Controls(avatar="ben", emotion="sad", muted=True)
-    panel.now = Controls(avatar="ben", emotion="happy", recentred=1)
-    assert both.read() == Controls(avatar="ben", emotion="happy", muted=True, recentred=1)
-    picks.append({"emotion": None})
-    assert both.read() == Controls(avatar="ben", muted=True, recentred=1)
-    assert told == [{"emotion": "happy"}]  # of the window's changes; the page knows its own
-    alone = WithPage(None, lambda: {"avatar": "ada"}, "ben")
-    assert alone.read() == Controls(avatar="ada")
 
 
 @pytest.mark.parametrize(

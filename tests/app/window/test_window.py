@@ -145,6 +145,24 @@ def test_another_avatar_and_emotion_are_picked_from_their_lists(hand: Hand) -> N
     wait_for(lambda: hand.sink.read().emotion == "happy")
 
 
+def test_it_shows_what_was_changed_elsewhere(hand: Hand) -> None:
+    """Red before: it showed, and went on asking for, what had been picked in it before."""
+    hand.settle()
+    before = hand.desktop.screenshot()[40:80, 940:].astype(int)
+    assert hand.sink.picks() == {}
+    hand.sink.show({"avatar": "kofi", "emotion": "bored:0.7", "muted": True})
+    hand.settle()
+    after = hand.desktop.screenshot()[40:80, 940:]
+    assert np.abs(after - before).mean() > 1 and hand.sink.picks() == {}
+    hand.desktop.key("m")
+    wait_for(lambda: hand.sink.picks() == {"muted": False})
+    hand.sink.show({"emotion": "happy:0.5+bored:0.3"})
+    hand.settle()
+    assert hand.sink.picks() == {} and hand.sink.read().emotion == "happy:0.5+bored:0.3"
+    hand.desktop.key("e")
+    wait_for(lambda: hand.sink.picks() == {"emotion": None})
+
+
 def test_dragging_turns_the_head(hand: Hand) -> None:
     before = hand.desktop.screenshot()[200:600, 200:700].astype(int)
     hand.desktop.point(400, 300)

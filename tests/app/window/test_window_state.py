@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
+from app.window.state import picks
 from app.window.state.history import KEPT, History
 from app.window.state.layout import MIN_SIZE, SIZE, arrange, toolbar_button
-from app.window.state.shared import SLOTS, SharedMemory
+from app.window.state.shared import SLOTS, SharedMemory, WindowInfo
 from sensors.types import NS
 
 
@@ -67,4 +68,24 @@ def test_history_keeps_its_size_and_counts() -> None:
     assert history.stage_ms.shape[0] == KEPT and history.tick_ms(100) == KEPT + 9
     assert (history.frames, history.dropped, history.audio_gaps) == (KEPT + 10, 2, 4)
     assert history.level_db == pytest.approx(-20, abs=0.1) and history.peak_db == pytest.approx(0)
+    memory.close()
+
+
+def test_controls_of_others_are_shown_in_the_window() -> None:
+    """Red before: a mixture on the command line ended a run with --window in a traceback."""
+    memory, info = SharedMemory(), WindowInfo("x", "ben", ("ada", "ben"), ("happy", "sad"))
+    row = memory.controls
+    for words, read in (
+        ("happy", "happy"),
+        ("sad:0.7", "sad:0.70"),
+        ("happy:0.5+sad:0.3", "happy:0.5+sad:0.3"),
+        ("neutral", "neutral"),
+        ("", None),
+        (None, None),
+    ):
+        picks.write(row, info, {"emotion": words})
+        assert picks.read(row, info).emotion == read
+    picks.write(row, info, {"avatar": "ben", "muted": True})
+    picks.write(row, info, {"avatar": "made since"})
+    assert picks.read(row, info).avatar == "ben" and picks.read(row, info).muted
     memory.close()
