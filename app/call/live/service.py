@@ -79,7 +79,7 @@ class Service:
         ended = asyncio.get_running_loop().create_future()
         asyncio.get_running_loop().add_reader(self._end, self._read, ended)
         with self._played_aloud(settings):  # before anybody is let in who would not be heard
-            room = await self._open_room(settings, secret, invite, call)
+            room = await self._open_room(settings, secret, invite, call, ended)
             cpu_s, began_ns = time.process_time(), self._clock.now_ns()
             telling = asyncio.create_task(self._keep_telling(call))
             await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
@@ -98,9 +98,15 @@ class Service:
         room.cancel()
 
     async def _open_room(
-        self, settings: CallSettings, secret: bytes, invite: Invite | None, call: Call
+        self,
+        settings: CallSettings,
+        secret: bytes,
+        invite: Invite | None,
+        call: Call,
+        ended: asyncio.Future[None],
     ) -> asyncio.Task[None]:
-        """Running; its invite goes to the loop."""
+        """Running; its invite goes to the loop, that of a new room once the server has let us in.
+        Raises InputError where it does not."""
         line = LineSettings(ice_servers=settings.ice_servers)
         identity = call.hello.identity
         if invite is not None and invite.kind == "direct":
@@ -112,7 +118,13 @@ class Service:
                 settings.server, settings.room, secret, settings.server_key, self._date_s
             )
             key = janus_server.admin_key(settings.server_key)
-            call.room = JanusRoom(invite, identity, call.events(), line, key)
+            room = call.room = JanusRoom(invite, identity, call.events(), line, key)
+            task = asyncio.create_task(room.run())
+            await asyncio.wait([task, room.entered, ended], return_when=asyncio.FIRST_COMPLETED)
+            if task.done():
+                task.result()
+            self._post(protocol.pack_json(protocol.INVITE, str(invite)))
+            return task
         else:
             address = settings.address or own_address()
             call.room, task, invite = await host_direct(

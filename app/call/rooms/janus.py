@@ -39,6 +39,7 @@ class JanusRoom:
         self._publisher: Connection | None = None
         self._feeds: dict[str, asyncio.Task[None]] = {}
         self._been_in = self._is_in = False
+        self.entered = asyncio.get_running_loop().create_future()  # done once the server lets us in
 
     async def run(self) -> None:
         import aiohttp
@@ -119,6 +120,8 @@ class JanusRoom:
                 if feed is not None:
                     feed.cancel()
             if event.get("videoroom") == "joined":
+                if not self.entered.done():
+                    self.entered.set_result(None)
                 offer = {"type": "offer", "sdp": await publisher.offer()}
                 await session.message(handle, {"request": "publish"}, offer)
             elif "jsep" in event:

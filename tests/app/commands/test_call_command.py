@@ -4,6 +4,7 @@ import asyncio
 import re
 import socket
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -28,7 +29,7 @@ from sensors.types import InputError
 
 INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
 WORDS = {"host": ["call", "host"], "join": ["call", "join", INVITE]}
-TOLD = re.compile(r"(--speaker|--mic|--send|avatar).*: expected.*(livedrive|try)")
+TOLD = re.compile(r"(--speaker|--mic|--send|avatar).*: expected.*(livedrive|try)|is it running")
 MISSING = ["--mic", "--avatar", "--send"]
 
 
@@ -64,6 +65,18 @@ def test_what_is_missing_starts_no_call(
 def test_a_missing_loudspeaker_is_told_once(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Red before: the invite had been printed, and the run went on alone until Ctrl-C."""
     refused([*WORDS[kind], "--mic", "none", "--speaker", "no such one"], capsys)
+
+
+@pytest.mark.slow
+def test_a_room_without_a_server_invites_nobody(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: the invite had been printed."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        server = f"ws://127.0.0.1:{free.getsockname()[1]}"
+    (tmp_path / "key").write_text("0" * 32)
+    words = [*WORDS["host"], "--mic", "none", "--speaker", "none", "--key", str(tmp_path / "key")]
+    refused([*words, "--room", "choir", "--server", server], capsys)
 
 
 @pytest.mark.parametrize("settings", [{}, {"invite": INVITE}], ids=WORDS)

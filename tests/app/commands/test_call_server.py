@@ -48,6 +48,30 @@ def test_no_server_is_left(tmp_path: Path, number: signal.Signals) -> None:
         assert command.returncode == 130 and said == "livedrive: stopped\n"
 
 
+def test_a_room_on_it_is_opened_and_its_invite_told(tmp_path: Path) -> None:
+    """The invite comes once the server has let the host in."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    start = [sys.executable, "-c", "from app.main import main; main()", "call"]
+    host = [*start, "host", "--room", "choir", "--key", str(tmp_path / "room" / "key")]
+    host += ["--server", f"ws://127.0.0.1:{port}", "--headless"]
+    for device in ("--mic", "--speaker"):
+        host += [device, "none"]
+    pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
+    with subprocess.Popen(
+        [*start, "server", str(tmp_path / "room"), "--port", str(port)]
+    ) as server:
+        end = time.monotonic() + PATIENCE_S
+        while not listens(port):
+            assert time.monotonic() < end, "Janus did not start"
+            time.sleep(0.1)
+        with subprocess.Popen(host, **pipe) as call:
+            assert call.stdout and call.stdout.readline().startswith("invite: livedrive")
+            call.communicate("q\n", timeout=PATIENCE_S)
+        server.terminate()
+    assert call.returncode == 0
+
+
 def listens(port: int) -> bool:
     with socket.socket() as end:
         return end.connect_ex(("127.0.0.1", port)) == 0
