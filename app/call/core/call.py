@@ -201,10 +201,10 @@ class Call:
             partner = Partner(identity, self._keys, self._packer, OpusDecoder())
             self.partners[identity] = partner
         before, partner.hello, partner.hello_ns = partner.hello, hello, self._now_ns()
-        if before is None or identity not in self.hello.met:
-            self._tell(f"{hello.name} is here{agreement.offer_of(hello)}")
-            self.say_hello()
-        elif before.met != hello.met or before.accepted != hello.accepted:
+        for line in agreement.news(self.hello, before, hello):
+            self._tell(line)
+        known = before and identity in self.hello.met and (before.met, before.accepted)
+        if known != (hello.met, hello.accepted):
             self.say_hello()
 
     def _take_part(self, identity: str, part: bytes) -> None:

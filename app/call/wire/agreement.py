@@ -122,10 +122,18 @@ def may_send_file(mine: Hello, theirs: Iterable[Hello]) -> bool:
     )
 
 
-def offer_of(theirs: Hello) -> str:
-    """Text about the avatar file that they offer; empty if none."""
-    size = f"{theirs.parcel_bytes / 1e3:.0f} kB"
-    return f" and offers the file of an avatar, {size}: a takes it" if theirs.parcel else ""
+def news(mine: Hello, before: Hello | None, theirs: Hello) -> list[str]:
+    """Lines about a hello that follows on `before`, with the keys that answer it."""
+    lines: list[str] = []
+    is_new = before is None or theirs.identity not in mine.met
+    if is_new:
+        lines.append(f"{theirs.name} is here" + ("" if mine.accepted else ": y and Enter accept"))
+        if theirs.parcel:
+            size = f"{theirs.parcel_bytes / 1e3:.0f} kB"
+            lines.append(f"{theirs.name} offers an avatar's file, {size}: a and Enter take it")
+    if theirs.records and not mine.may_record and (is_new or not (before and before.records)):
+        lines.append(f"{theirs.name} asks to record: r and Enter agree")
+    return lines
 
 
 def heard_by(mine: Hello, theirs: Iterable[Hello]) -> int:

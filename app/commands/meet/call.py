@@ -2,9 +2,6 @@
 
 import getpass
 import socket
-import sys
-import threading
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from shlex import quote
@@ -14,6 +11,7 @@ import tyro
 from tyro.conf import Positional, subcommand
 
 from app.commands.live import LiveDriveOptions, ends_on_signals
+from app.commands.meet import keys
 from app.commands.meet.server import Bridge, Server, Test
 from app.compose.settings import SoundSettings, Switch
 from app.terminal.arguments import File, Listening, optional
@@ -21,13 +19,7 @@ from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
-    from app.call.live.link import CallLink
     from app.call.live.protocol import CallSettings
-
-KEYS = (
-    "y accepts, m mutes, e mutes the eyes, r agrees to be recorded, a takes avatars that are "
-    "offered, q leaves; then Enter"
-)
 
 
 @dataclass(kw_only=True)
@@ -85,8 +77,9 @@ class CallOptions(LiveDriveOptions):
             with ends_on_signals(run.source) as signals:
                 parts = run.build(tape, [SensorNotes(run.source, tell)], [link])
                 invite = link.start(run.clock)  # now that all else that was asked for is there
-                print(self.opening(invite), flush=True)
-                listen_to_keys(link, run.source.stop, tell, self.accept)
+                typed = None if settings.window else tape
+                print(f"{self.opening(invite)}; {keys.keys(typed)}", flush=True)
+                keys.listen(link, typed, run.source.stop, tell, self.accept)
                 summary = drive(with_call(parts, link))
                 tape.close()
         finally:
@@ -143,7 +136,7 @@ class Host(CallOptions):
 
     def opening(self, invite: str) -> str:
         send = "send it to the people you want to meet, by a way that you trust"
-        return f"invite: {invite}\n{send}; {KEYS}"
+        return f"invite: {invite}\n{send}"
 
 
 @dataclass(kw_only=True)
@@ -169,7 +162,7 @@ class Join(CallOptions):
         )
 
     def opening(self, invite: str) -> str:  # noqa: ARG002
-        return f"joining; {KEYS}"
+        return "joining"
 
 
 def _check_address(address: str) -> None:
@@ -181,46 +174,6 @@ def _check_address(address: str) -> None:
             f"--address: expected an address of this machine, got {address!r} "
             f"({getattr(error, 'strerror', None) or error}); leave it away to have one found"
         ) from None
-
-
-def listen_to_keys(
-    link: "CallLink", stop: Callable[[], None], tell: Callable[[str], None], accepted: bool
-) -> None:
-    """Consent typed in the terminal is read in a thread, as reading blocks."""
-
-    def read() -> None:
-        has_accepted = accepted
-        for line in sys.stdin:
-            word = line.strip().lower()
-            if word == "q":
-                stop()
-                return
-            has_accepted |= word in ("y", "yes")
-            tell(obey(link, word))
-        unheard = "" if has_accepted else ", and you have not accepted: start with --accept"
-        tell(f"the terminal has ended: nothing can be typed{unheard}")
-
-    threading.Thread(target=read, name="call keys", daemon=True).start()
-
-
-def obey(link: "CallLink", word: str) -> str:
-    """Do what was typed; a line about how it stands now."""
-    if word in ("y", "yes"):
-        link.change(accepted=True)
-        return "you have accepted"
-    if word == "m":
-        link.change(muted=not link.muted)
-        return "your voice is muted" if link.muted else "your voice is not muted"
-    if word == "e":
-        link.change(eyes_muted=not link.eyes_muted)
-        return "your eyes are muted" if link.eyes_muted else "your eyes are not muted"
-    if word == "r":
-        link.change(may_record=True)
-        return "you agree to be recorded"
-    if word == "a":
-        link.change(takes_avatars=True)
-        return "you take avatars that are offered"
-    return KEYS
 
 
 @dataclass(kw_only=True)

@@ -16,6 +16,7 @@ from app.call.wire.agreement import (
     may_receive,
     may_record,
     may_send,
+    news,
     read_hello,
 )
 from app.call.wire.packet import MalformedError
@@ -51,6 +52,20 @@ def test_recording_needs_everybody() -> None:
     assert may_record(mine, [yes]) and may_record(mine, [yes, yes])
     assert not may_record(mine, [yes, no]) and not may_record(mine, [])
     assert not may_record(replace(mine, records=False), [yes])
+
+
+def test_who_comes_and_asks_is_told_with_the_keys_that_answer() -> None:
+    """Red before: a terminal told that somebody was there, and not that this end had to accept."""
+    mine = replace(ANN, met=(BEN.identity,))
+    assert news(ANN, None, BEN) == ["Ben is here: y and Enter accept"]
+    assert news(accepted(ANN), None, BEN) == ["Ben is here"] and news(mine, BEN, BEN) == []
+    asks = replace(BEN, records=True)
+    assert news(mine, BEN, asks) == ["Ben asks to record: r and Enter agree"]
+    assert news(mine, asks, asks) == news(replace(mine, may_record=True), BEN, asks) == []
+    offers = replace(BEN, parcel="f" * 64, parcel_bytes=12_000)
+    assert news(accepted(ANN), None, offers)[1] == (
+        "Ben offers an avatar's file, 12 kB: a and Enter take it"
+    )
 
 
 def test_heard_by_counts_those_who_say_so() -> None:

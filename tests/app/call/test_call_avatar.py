@@ -101,7 +101,7 @@ def test_nothing_is_sent_to_who_did_not_agree(state: dict[str, object]) -> None:
     wire.calls[0].change(parcel=sent.digest, parcel_bytes=len(sent.packed))
     wire.go_on(20)
     assert wire.parts == 0 and not wire.calls[1].files
-    assert any("offers the file" in line for line in wire.told)
+    assert any("offers an avatar" in line for line in wire.told)
 
 
 @pytest.mark.slow

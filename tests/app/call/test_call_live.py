@@ -13,7 +13,7 @@ from app.call.live.link import CallSink
 from app.call.live.tape import CallTape
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
-from app.commands.meet.call import KEYS, obey
+from app.commands.meet.keys import keys, obey
 from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult
@@ -171,7 +171,21 @@ def test_what_is_typed_is_answered() -> None:
     """Red before: nothing was said, so nobody at a terminal knew whether they were muted."""
     link = Link()
     words = ["m", "m", "e", "y", "r", "a"]
-    said = [obey(link, word) for word in words]  # type: ignore[arg-type]
+    said = [obey(link, None, word) for word in words]  # type: ignore[arg-type]
     assert said[0] == "your voice is muted" and said[1] == "your voice is not muted"
     assert "eyes are muted" in said[2] and "accepted" in said[3] and len(link.changes) == 6
-    assert obey(link, "mute") == KEYS and len(link.changes) == 6  # type: ignore[arg-type]
+    for word in ("mute", "s"):  # a window has a button to record
+        assert obey(link, None, word) == keys(None) and len(link.changes) == 6  # type: ignore[arg-type]
+
+
+def test_an_end_without_a_window_records_at_a_word(tmp_path: Path) -> None:
+    """Red before: it recorded from the start, or not at all."""
+    link = Link()
+    tape = CallTape(link, None, lambda folder: Recorder())  # type: ignore[arg-type]
+    packet = AudioPacket(0, 0, np.zeros(480, np.float32))
+    assert "s records" in keys(tape)
+    assert "s stops" in obey(link, tape, "s")  # type: ignore[arg-type]
+    tape.append(packet)
+    assert "s records" in obey(link, tape, "s")  # type: ignore[arg-type]
+    tape.append(packet)
+    assert link.changes == [{"records": True}, {"records": False}]
