@@ -103,9 +103,9 @@ function schedule() {
 
 async function wait(address) {
   try {
-    const answer = await fetch(new URL("offers", address.replace(/^ws/, "http")));
-    const lost = answer.status === 403;
-    postMessage({ kind: "state", text: lost ? await answer.text() : "waiting for livedrive" });
+    const answer = await fetch(address.replace(/^ws/, "http"));  // of a socket the reason is not told
+    const refused = [403, 503].includes(answer.status);  // without a token; too many pages
+    postMessage({ kind: "state", text: refused ? await answer.text() : "waiting for livedrive" });
   } catch {
     postMessage({ kind: "state", text: "waiting for livedrive" });
   }

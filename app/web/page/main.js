@@ -1,6 +1,6 @@
 // The page: shows the live head, flat in any browser and in stereo in a headset.
 //   cloud.js (worker) -> Splats -> canvas or headset        Microphone -> server
-// `?bare` hides the controls, for use as a browser source in other programs.
+// `?bare` hides the controls and the count of frames, for use as a browser source in other programs.
 
 import { Orbit, place, multiply } from "./camera.js";
 import { Controls } from "./controls.js";
@@ -30,7 +30,8 @@ let fresh = false;      // what the worker sent last was not drawn yet
 let asked = [0, 0, 0];  // direction of the last order
 let connected = false;  // ticks can come
 const COMPLAINT_MS = 8000;  // that something a person tried and that failed is shown
-document.body.classList.toggle("bare", new URLSearchParams(location.search).has("bare"));
+const bare = new URLSearchParams(location.search).has("bare");
+document.body.classList.toggle("bare", bare);
 
 // The order is asked for again when the head is seen from a new side.
 function aim(modelView) {
@@ -118,7 +119,9 @@ function complain(text) {
 setInterval(() => {
   const now = performance.now(), rate = (stats.updates - seen) * 1000 / (now - since);
   [since, seen] = [now, stats.updates];
-  if (!told && !complaint) get("state").textContent = `frame ${stats.frame}, ${rate.toFixed(0)} a second`;
+  if (!told && !complaint && !bare) {
+    get("state").textContent = `frame ${stats.frame}, ${rate.toFixed(0)} a second`;
+  }
   if (connected && offers) keepUp();
 }, 1000);
 

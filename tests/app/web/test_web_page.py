@@ -1,14 +1,19 @@
 """The page in headless Chromium: its picture against ours, two eyes in a headset."""
 
+import asyncio
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AsyncExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from browser import SPY, headset, open_page, screenshot
-from web_client import Talker, psnr, serving, wait_until
+from web_client import Talker, psnr, serving, socket_to, wait_until
 
+from app.web.hub import MAX_LISTENERS
 from render import cameras
 from render.cameras import DEFAULT_BACKGROUND
 from render.decoder.decoder import Decoder
@@ -42,6 +47,43 @@ def settle(page: Any, talker: Talker) -> None:
 
     page.settled = -1
     wait_until(seen)
+
+
+@contextmanager
+def crowd(talker: Talker) -> Iterator[None]:
+    """As many listeners as the server takes."""
+    here, leave = threading.Event(), threading.Event()
+
+    async def stay() -> None:
+        async with AsyncExitStack() as stack:
+            for _ in range(MAX_LISTENERS):
+                await stack.enter_async_context(socket_to(talker, "head", max_msg_size=0))
+            here.set()
+            while not leave.is_set():
+                await asyncio.sleep(0.05)
+
+    with ThreadPoolExecutor(1) as thread:
+        staying = thread.submit(asyncio.run, stay())
+        try:
+            wait_until(lambda: here.is_set() or staying.done())
+            yield
+        finally:
+            leave.set()
+            staying.result()
+
+
+def test_a_page_without_controls_tells_why_it_shows_nothing(browser: Any, decoder: Decoder) -> None:
+    """Red before: it stayed empty without a word."""
+    with serving(decoder) as talker:
+        with crowd(talker):
+            page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
+            page.wait_for_selector("text=Too many listeners.")
+        talker.tick()
+        wait_until(lambda: page.evaluate("livedrive.frame") == talker.index)
+        page.wait_for_timeout(1500)  # no count of frames
+        assert page.inner_text("#state") == "" and page.is_hidden("nav")
+    page.wait_for_selector("text=waiting for livedrive")
+    page.close()
 
 
 def test_the_picture_is_that_of_the_local_renderer(
