@@ -9,6 +9,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from sensors.cameras import reasons
 from sensors.cameras.views import Views
 from sensors.clock_map import ClockMap
 from sensors.picture import BadPictureError, CameraLink, CameraLostError, Shot, check_content
@@ -105,7 +106,8 @@ class EyeCamera:
                     link.close()
                     failures = 0 if self.counts.pictures > before else failures
             except (CameraLostError, InputError, OSError) as error:
-                self.problem = " ".join(str(error).split()) or type(error).__name__
+                told = reasons.lost(error) if isinstance(error, OSError) else error
+                self.problem = " ".join(str(told).split())
                 self.state = "waiting"
                 self._closing.wait(RETRY_S[min(failures, len(RETRY_S) - 1)])
                 failures += 1

@@ -7,6 +7,7 @@ that are 1.4 s old after a pause and never notices a stall.
 import socket
 from urllib.parse import urlsplit
 
+from sensors.cameras import reasons
 from sensors.cameras.multipart import HttpBody, Multipart, Part
 from sensors.picture import BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.types import NS, Clock, InputError
@@ -37,7 +38,10 @@ class MjpegLink:
         host, port = parts.hostname or "", parts.port or 80
         path = (parts.path or "/") + (f"?{parts.query}" if parts.query else "")
         self._body, self._multipart = HttpBody(), None
-        self._socket = socket.create_connection((host, port), CONNECT_S)
+        try:
+            self._socket = socket.create_connection((host, port), CONNECT_S)
+        except (OSError, UnicodeError) as error:  # a part of the name may be too long
+            raise reasons.lost(error, reasons.LIST_NETWORK) from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         request = f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n\r\n"
         self._socket.sendall(request.encode("latin-1", "replace"))

@@ -6,6 +6,7 @@ bytes between pictures are left out.
 
 from typing import Any
 
+from sensors.cameras import reasons
 from sensors.picture import JPEG_START, BadPictureError, CameraLostError, JpegDecoder, Shot
 from sensors.types import NS, Clock, InputError
 
@@ -69,7 +70,7 @@ class SerialLink:
         try:
             self._port: Any = serial.Serial(port, BAUD, timeout=0.05, exclusive=True)
         except serial.SerialException as error:
-            raise CameraLostError(str(error)) from None
+            raise reasons.lost(error) from None
         except ValueError as error:
             raise InputError(f"serial:{port}: {error}; see: livedrive devices") from None
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.cameras import reasons
 from sensors.picture import BadPictureError, CameraLostError, JpegDecoder, Shot, gray
 from sensors.session.eye_video import open_video
 from sensors.session.recording import Recording
@@ -31,7 +32,7 @@ class DriverLink:
         try:
             self._container: Any = av.open(device, format=container_format)
         except (av_error.FFmpegError, ValueError, OSError) as error:
-            raise CameraLostError(f"{device}: {str(error).splitlines()[0]}") from None
+            raise reasons.lost(error) from None
         self._stream = self._container.streams.video[0]
         self._jpeg = self._stream.codec_context.name == "mjpeg"
         self._packets = self._container.demux(self._stream)

@@ -47,13 +47,14 @@ class UsbLink:
                 "usb: expected the libusb library, got none; run: apt-get install libusb-1.0-0"
             ) from None
         if found is None:
-            raise CameraLostError(f"no USB device {vendor:04x}:{product:04x}")
+            device = f"{vendor:04x}:{product:04x}"
+            raise CameraLostError(f"no USB device {device} is plugged in; see: livedrive devices")
         self._device, self._vive = found, None
         try:
             self._open(vendor, product)
         except (core.USBError, DescriptorError, ValueError) as error:
             self.close()
-            raise CameraLostError(_reason(error, vendor, product)) from None
+            raise _lost(error, vendor, product) from None
         except CameraLostError:
             self.close()
             raise
@@ -169,8 +170,9 @@ def devices(backend: Any = None) -> Iterator[tuple[int, int, Any]]:
         return
 
 
-def _reason(error: Exception, vendor: int, product: int) -> str:
+def _lost(error: Exception, vendor: int, product: int) -> Exception:
     if getattr(error, "errno", None) == errno.EACCES:
         rule = udev_rule(vendor, product)
-        return f"no permission; write this line to /etc/udev/rules.d/60-livedrive.rules: {rule}"
-    return f"USB: {error}"
+        place = "/etc/udev/rules.d/60-livedrive.rules"
+        return CameraLostError(f"no permission; write this line to {place}: {rule}")
+    return error if isinstance(error, OSError) else CameraLostError(f"USB: {error}")

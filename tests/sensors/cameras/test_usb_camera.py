@@ -75,7 +75,7 @@ def test_unplugged_and_plugged_in_again(start: Start) -> None:
     camera = start(BEYOND, backend)
     collect(camera, 4)
     backend.plugged = False
-    wait_until(lambda: "no USB device" in camera.problem, "the loss")
+    wait_until(lambda: "is plugged in; see: livedrive devices" in camera.problem, "the loss")
     camera.poll()
     backend.plugged = True
     collect(camera, 4)

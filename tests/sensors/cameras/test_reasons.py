@@ -1,0 +1,51 @@
+"""A camera that cannot be had is told in plain words, with the command that lists cameras."""
+
+import errno
+import socket
+
+import pytest
+
+from sensors.cameras import reasons
+from sensors.cameras.spec import cameras
+from sensors.clock import MonotonicClock
+from sensors.picture import CameraLostError
+
+with socket.create_server(("127.0.0.1", 0)) as free:
+    CLOSED = free.getsockname()[1]
+
+
+@pytest.mark.parametrize(
+    ("spec", "told"),
+    [
+        ("uvc:97", "it is not there; see: livedrive devices"),
+        ("serial:/dev/none", "it is not there; see: livedrive devices"),
+        (
+            f"http://127.0.0.1:{CLOSED}/",
+            "nothing answers at that port; see: livedrive devices --network",
+        ),
+        (
+            f"http://{'a' * 64}.invalid/",
+            "it cannot be opened; see: livedrive devices --network",
+        ),
+    ],
+)
+def test_a_missing_camera_is_told_in_plain_words(spec: str, told: str) -> None:
+    """Red before: "[Errno 2] could not open port /dev/none: [Errno 2] No such file or ..."."""
+    (camera,) = cameras([spec], MonotonicClock())
+    with pytest.raises(CameraLostError) as error:
+        camera._connect()  # noqa: SLF001
+    assert str(error.value) == told
+
+
+@pytest.mark.parametrize(
+    ("error", "words"),
+    [
+        (OSError(errno.EBUSY, "Device or resource busy"), "another program has it"),
+        (PermissionError(errno.EACCES, "Permission denied"), "no permission to use it"),
+        (socket.gaierror(-2, "Name or service not known"), "nobody knows a machine of that name"),
+        (TimeoutError("timed out"), "no answer"),
+        (ValueError("a library's own words"), "it cannot be opened"),
+    ],
+)
+def test_every_failure_has_words(error: Exception, words: str) -> None:
+    assert str(reasons.lost(error)) == f"{words}; see: livedrive devices"
