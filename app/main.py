@@ -27,12 +27,22 @@ def main() -> None:
     if sys.argv[1:] in ([], ["--version"]):
         from importlib.metadata import version
 
-        print(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
+        _say(FIRST_STEPS if len(sys.argv) == 1 else f"livedrive {version('livedrive')}")
         return
     with _ctrl_c_ends_at_once():
         from app.command_line import run
     with _ends_as_on_ctrl_c():
         run(sys.argv[1:])
+
+
+def _say(text: str) -> None:
+    """Print it, or end with a line and status 1 where it does not fit."""
+    try:
+        print(text, flush=True)
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # for the rest, at the end
+        print(f"livedrive: {error.strerror}", file=sys.stderr)
+        raise SystemExit(1) from None
 
 
 @contextmanager

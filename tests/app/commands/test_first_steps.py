@@ -45,9 +45,12 @@ def test_a_failure_is_one_line_that_steers_no_terminal(
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no such device")
-@pytest.mark.parametrize("words", [["avatar", "list"], ["avatar", "-h"]])
+@pytest.mark.parametrize(
+    "words", [[], ["--version"], ["-h"], ["avatar", "list"], ["avatar", "-h"]], ids=" ".join
+)
 def test_a_full_disk_takes_no_words(words: list[str]) -> None:
-    """Red before: status 120, "Exception ignored in", as Python found it at its very end."""
+    """Red before: status 120, "Exception ignored in", as Python found it at its very end; and a
+    traceback of --version."""
     code = "from app.main import main; main()"
     env = {k: v for k, v in os.environ.items() if k != "PYTHONUNBUFFERED"}
     with open("/dev/full", "w") as full:
