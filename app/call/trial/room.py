@@ -6,13 +6,12 @@ libnice leaves loopback out, so all of it runs in a network of its own, made wit
 import asyncio
 import json
 import secrets
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -24,10 +23,10 @@ from app.call.rooms.janus_server import ServerSettings
 from app.call.rooms.listen import write_certificate
 from app.call.rooms.room import LineSettings
 from app.call.trial.material import synthetic_material
+from app.call.trial.meeting import RoomSettings
 from app.call.trial.person import PersonSettings
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite
-from app.terminal.thresholds import at_least, at_most
 from sensors.types import InputError
 
 HOST = "10.9.9.1"
@@ -38,58 +37,9 @@ NETWORK = (
     "ip link set v0 up",
     "ip link set v1 up",
 )
-REFUSED = {"wrong secret": "the secret of this room", "no token": "to be let in"}
-BACK_BAR_S, TOGETHER, CONCEALED, KBPS, CPU_SHARE = 10.0, 0.99, 0.01, 160.0, 0.15
 LOSS = 0.05  # of the second person's leg
 MEET_S, BACK_S = 90.0, 60.0  # timeout, for a busy machine
 LOOK_S = 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class RoomSettings:
-    people: int
-    seconds: float
-
-
-def run_room(settings: RoomSettings) -> dict[str, Any]:
-    """Run the scene; return its findings. InputError without Janus or network namespaces."""
-    if shutil.which("janus") is None or shutil.which("unshare") is None:
-        raise InputError(
-            "call test --room: expected janus, unshare and ip (Linux), got only some of them; "
-            "run: sudo apt-get install janus util-linux iproute2"
-        )
-    module = [sys.executable, "-m", "app.call.trial.room", json.dumps(asdict(settings))]
-    command = ["unshare", "--net", "--map-root-user", *module]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise OSError(f"call test --room: {done.stderr[-1500:]}")
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def metrics_of(found: dict[str, Any]) -> dict[str, Any]:
-    """The report's `metrics` and `bars`, the worst of all pairs of people."""
-    lines = [line for report in found["reports"] for line in report]
-    worst = {
-        "back_s": found["back_s"],
-        "concealed": max(line["concealed_share"] for line in lines),
-        "kbps": max(line["kbps"] for line in lines),
-        "cpu_share": max(line["cpu_share"] for line in lines),
-        "refused": max(line["refused"] for line in lines),
-    }
-    limits = {
-        "back_s": BACK_BAR_S,
-        "concealed": CONCEALED,
-        "kbps": KBPS,
-        "cpu_share": CPU_SHARE,
-        "refused": 0,
-    }
-    bars = [at_most(f"room: {name}", worst[name], limit) for name, limit in limits.items()]
-    bars.append(at_least("room: together", found["together"], TOGETHER))
-    shut_out = sum(text in found["refused"].get(name, "") for name, text in REFUSED.items())
-    bars.append(at_least("room: strangers_shut_out", shut_out, len(REFUSED)))
-    figures = worst | {"met_s": found["met_s"], "together": found["together"]}
-    figures["loss_of_the_lossy_leg"] = max(line["loss"] for line in found["reports"][1])
-    return {"metrics": {f"room: {n}": round(v, 4) for n, v in figures.items()}, "bars": bars}
 
 
 class Visitor:
@@ -178,6 +128,19 @@ async def scene(settings: RoomSettings, folder: Path) -> dict[str, Any]:
     return found | {"refused": refused, "reports": reports}
 
 
+async def while_wanted(settings: RoomSettings, folder: Path) -> dict[str, Any]:
+    """The scene, for as long as whoever started it holds our standard input open."""
+    loop, task = asyncio.get_running_loop(), asyncio.current_task()
+    assert task is not None
+
+    def end() -> None:
+        loop.remove_reader(sys.stdin)
+        task.cancel()
+
+    loop.add_reader(sys.stdin, end)
+    return await scene(settings, folder)
+
+
 async def together(people: Sequence[Visitor], patience_s: float) -> float:
     """Seconds until everybody sees everybody."""
     start_s = time.monotonic()
@@ -242,4 +205,5 @@ if __name__ == "__main__":
     for command in NETWORK:
         subprocess.run(command.split(), check=True)
     with tempfile.TemporaryDirectory() as name:
-        print(json.dumps(asyncio.run(scene(RoomSettings(**json.loads(sys.argv[1])), Path(name)))))
+        wanted = RoomSettings(**json.loads(sys.argv[1]))
+        print(json.dumps(asyncio.run(while_wanted(wanted, Path(name)))))

@@ -167,7 +167,7 @@ class Test:
     """Write the metrics as JSON."""
 
     def run(self) -> None:
-        from app.call.trial.room import RoomSettings, metrics_of, run_room
+        from app.call.trial.meeting import RoomSettings, metrics_of, run_room
         from app.call.wire.agreement import MAX_PEOPLE
         from app.compose.call import session_material, trial_report
         from app.terminal.thresholds import finish

@@ -6,10 +6,12 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, ClassVar
 
+import psutil
 import pytest
 from aiohttp import web
 
@@ -24,10 +26,9 @@ from app.call.rooms.janus_server import (
     write_configuration,
 )
 from app.call.rooms.room import Events, LineSettings
-from app.call.trial import room
+from app.call.trial import meeting
 from app.call.trial.material import synthetic_material
 from app.call.trial.person import PersonSettings
-from app.call.trial.room import RoomSettings
 from app.call.wire.agreement import Hello
 from app.call.wire.invite import Invite, parse
 from sensors.types import InputError
@@ -44,13 +45,32 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
     """Janus and namespaces are part of the set-up (make setup): without them this is a failure.
 
     Each is a process of their own, one with a lossy leg, as in `livedrive call test --room`."""
-    found = room.run_room(RoomSettings(people=3, seconds=3))
+    found = meeting.run_room(meeting.RoomSettings(people=3, seconds=3))
     assert "secret" in found["refused"]["wrong secret"]
     assert "let in" in found["refused"]["no token"]
     for reports in found["reports"]:
         assert len(reports) == 2 and all(r["packets"] > 20 and not r["refused"] for r in reports)
-    names = {row["name"] for row in room.metrics_of(found)["bars"]}
+    names = {row["name"] for row in meeting.metrics_of(found)["bars"]}
     assert {"room: back_s", "room: together", "room: strangers_shut_out"} <= names
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_a_killed_trial_leaves_nobody_in_the_room(number: signal.Signals) -> None:
+    """Red before: four people and a server went on talking after a kill -9."""
+    words = ["call", "test", "--room", "4", "--seconds", "600"]
+    code, patience_s = "from app.main import main; main()", 90
+    with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE) as command:
+        end, people = time.monotonic() + patience_s, list[psutil.Process]()
+        while sum("app.call.trial.person" in p.cmdline() for p in people) < 4:
+            assert command.poll() is None and time.monotonic() < end
+            time.sleep(0.2)
+            people = psutil.Process(command.pid).children(recursive=True)
+        command.send_signal(number)
+        _, alive = psutil.wait_procs(people, patience_s)
+        for process in alive:
+            process.kill()
+        assert alive == []
+        assert command.wait() == (130 if number == signal.SIGTERM else -signal.SIGKILL)
 
 
 def test_ctrl_c_leaves_nobody_in_the_room() -> None:
