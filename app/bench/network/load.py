@@ -107,6 +107,7 @@ def _drive(clock: Clock, avatar: str) -> LoadSink:
     from app.drive.loop import Drive, drive
     from app.drive.stages import Stages
     from app.drive.view import PortraitView
+    from app.sinks.progress import ProgressSink
     from app.web.info import ServerInfo
     from app.web.sink import WebSink
     from encoder.inference import load_driver
@@ -124,9 +125,10 @@ def _drive(clock: Clock, avatar: str) -> LoadSink:
             source=LiveSource(None, [], clock, seconds=2 * ATTACK_S),
             driver=load_driver(),
             clock=clock,
-            sinks=[server, load],
+            sinks=[server, load, ProgressSink("among hostile clients")],
             view=PortraitView(Decoder.load(), identity.load(avatar), create_renderer(), camera),
             stages=stages,
+            info=RunInfo(512, 512, int(2 * ATTACK_S * FPS)),
             realtime=True,
         )
     )

@@ -14,6 +14,7 @@ import numpy as np
 
 from app.bench.network.load import measure_hostile_clients
 from app.drive.sink import FrameResult, RunInfo
+from app.sinks.progress import ProgressSink
 from app.terminal.thresholds import at_least, at_most
 from encoder.types import DrivenFrame
 from sensors.types import FPS, LOOPBACK, NS, Clock, SensorFrame
@@ -28,10 +29,12 @@ SCHEMES = ("vmc", "vrchat", "livelink")
 def measure_web(session: Path, avatar: str, minutes: float) -> dict[str, Any]:
     """Send for `minutes`, show a page, and serve hostile clients; the report holds metrics and
     thresholds."""
+    from tqdm import tqdm
+
     from sensors.clock import MonotonicClock
 
     clock = MonotonicClock()
-    driven = list(_driven(session))
+    driven = list(tqdm(_driven(session), unit="frame", desc="driving", disable=None))
     sending = _send(clock, driven, avatar, minutes * 60)
     page = _show(clock, driven, avatar)
     hostile = measure_hostile_clients(clock, avatar)
@@ -62,12 +65,17 @@ def _driven(session: Path) -> Iterator[DrivenFrame]:
             yield driven
 
 
-def _play(clock: Clock, driven: list[DrivenFrame], sinks: list[Any], seconds: float) -> int:
-    """Give the codes to the sinks at 30 a second, over and over; return how many ticks it took."""
+def _play(
+    clock: Clock, driven: list[DrivenFrame], sinks: list[Any], seconds: float, what: str
+) -> int:
+    """Give the codes to the sinks at 30 a second, over and over; return how many ticks it took.
+    `what` is done, as a progress bar says."""
+    count = int(seconds * FPS)
+    sinks = [*sinks, ProgressSink(what)]
     for sink in sinks:
-        sink.on_start(RunInfo(512, 512, None))
+        sink.on_start(RunInfo(512, 512, count))
     silence, ages = np.zeros(1600, np.float32), np.full(2, -1, np.int64)
-    start_ns, count = clock.now_ns(), int(seconds * FPS)
+    start_ns = clock.now_ns()
     for index, frame in enumerate(islice(cycle(driven), count)):
         t_ns = (index + 1) * NS // FPS
         clock.sleep_until_ns(start_ns + t_ns)
@@ -103,7 +111,8 @@ def _send(clock: Clock, driven: list[DrivenFrame], avatar: str, seconds: float) 
     assert isinstance(sender, SendSink)
     parts = [len(receiver.encode(reader(driven[0]))) for receiver in sender.receivers]
     server = WebSink(ServerInfo(LOOPBACK, 0, avatar, page=False), clock)
-    ticks = _play(clock, driven, [sender, server, AddressPipe(server, receivers.stdin)], seconds)
+    sinks = [sender, server, AddressPipe(server, receivers.stdin)]
+    ticks = _play(clock, driven, sinks, seconds, "sending")
     output, _ = receivers.communicate("end\n")
     heard, report = json.loads(output), sender.network_report()
     metrics: dict[str, Any] = {"sent_ticks": ticks}
@@ -143,7 +152,8 @@ def _show(clock: Clock, driven: list[DrivenFrame], avatar: str) -> dict[str, Any
     page = subprocess.Popen(words, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
     assert page.stdin and page.stdout
 
-    _play(clock, driven, [server, AddressPipe(server, page.stdin)], PAGE_S + PAGE_START_S)
+    sinks = [server, AddressPipe(server, page.stdin)]
+    _play(clock, driven, sinks, PAGE_S + PAGE_START_S, "showing a page")
     output = page.stdout.read()
     page.wait()
     return json.loads(output) if output else {"page_updates_hz": 0.0}
