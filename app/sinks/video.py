@@ -16,6 +16,8 @@ from app.terminal import outputs
 from sensors import files
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
+BT_709, LIMITED = 1, 1  # libav's numbers: matrix, primaries and curve of HD; values 16 to 235
+
 
 class _Disk:
     """What libav writes to: it hears of no failure, as it dies of one in a header and forgets one
@@ -46,6 +48,41 @@ class _Disk:
             raise KeyboardInterrupt
 
 
+class _Pictures:
+    """The H.264 of a container. Its colours are BT.709 and say so: players guess by the size what
+    others are."""
+
+    def __init__(self, container: Any, width: int, height: int, **options: str) -> None:
+        from av.video.reformatter import VideoReformatter
+
+        self.width, self.height = width, height
+        self._container, self._reformatter, self._count = container, VideoReformatter(), 0
+        self._stream = container.add_stream("libx264", rate=FPS)
+        self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
+        self._stream.options = {"crf": "18", "preset": "veryfast", "threads": "1", **options}
+        context = self._stream.codec_context
+        context.colorspace = context.color_primaries = context.color_trc = BT_709
+        context.color_range = LIMITED
+
+    def write(self, pixels: NDArray[np.uint8]) -> None:  # [H, W, 3 or 4]
+        import av
+        from av.video.reformatter import ColorRange, Colorspace
+
+        layout = "rgba" if pixels.shape[2] == 4 else "rgb24"
+        picture = self._reformatter.reformat(
+            av.VideoFrame.from_ndarray(pixels, format=layout),
+            format="yuv420p",
+            dst_colorspace=Colorspace.ITU709,
+            dst_color_range=ColorRange.MPEG,
+        )
+        picture.pts, picture.time_base = self._count, Fraction(1, FPS)
+        self._container.mux(self._stream.encode(picture))
+        self._count += 1
+
+    def finish(self) -> None:
+        self._container.mux(self._stream.encode(None))
+
+
 class VideoSink:
     """Every tick is one picture; a tick without a picture repeats the last one."""
 
@@ -59,13 +96,11 @@ class VideoSink:
         import av
 
         self._disk = _Disk(files.create(self._path, private=True))
-        kind, options = _format(self._path, "frag_keyframe+empty_moov")
+        # The list of edits, which says where picture and sound begin, needs their first packets.
+        kind, options = _format(self._path, "frag_keyframe+delay_moov")
         options["flush_packets"] = "1"  # a fragment at once, not in lumps of 256 kB
         self._container: Any = av.open(self._disk, "w", kind, options=options)
-        self._video = self._container.add_stream("libx264", rate=FPS)
-        self._video.width, self._video.height = info.width, info.height
-        self._video.pix_fmt = "yuv420p"
-        self._video.options = {"crf": "18", "preset": "veryfast", "g": str(FPS), "threads": "1"}
+        self._video = _Pictures(self._container, info.width, info.height, g=str(FPS))
         self._audio = self._container.add_stream("aac", rate=SAMPLE_RATE)
         self._audio.layout = "mono"
         self._audio.bit_rate = 128_000
@@ -76,21 +111,18 @@ class VideoSink:
         if result.picture is not None:
             self._last = result.picture
         if self._last is None:
-            height, width = self._video.height, self._video.width
-            self._last = np.zeros((height, width, 4), np.uint8)
-        picture = av.VideoFrame.from_ndarray(self._last, format="rgba")
-        picture.pts, picture.time_base = self._count, Fraction(1, FPS)
+            self._last = np.zeros((self._video.height, self._video.width, 4), np.uint8)
         sound = av.AudioFrame.from_ndarray(result.sensors.audio[None], "fltp", "mono")
         sound.sample_rate, sound.pts = SAMPLE_RATE, self._count * SAMPLES_PER_FRAME
         sound.time_base = Fraction(1, SAMPLE_RATE)
-        self._container.mux(self._video.encode(picture))
+        self._video.write(self._last)
         self._container.mux(self._audio.encode(sound))
         self._count += 1
         self._disk.check()
 
     def close(self) -> None:
         if self._count:
-            self._container.mux(self._video.encode(None))
+            self._video.finish()
             self._container.mux(self._audio.encode(None))
         self._container.close()
         self._disk.close()
@@ -128,19 +160,15 @@ def _film(
 ) -> None:
     import av
 
-    stream = voice = None
+    video = voice = None
     for picture in pictures:
-        if stream is None:
-            stream = container.add_stream("libx264", rate=FPS)
-            stream.height, stream.width = picture.shape[:2]
-            stream.pix_fmt = "yuv420p"
-            stream.options = {"crf": "18", "preset": "veryfast", "threads": "1"}
+        if video is None:
+            video = _Pictures(container, picture.shape[1], picture.shape[0])
             if sound is not None:
                 voice = container.add_stream("aac", rate=sample_rate, layout="mono")
-        layout = "rgba" if picture.shape[2] == 4 else "rgb24"
-        container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format=layout)))
-    if stream is not None:
-        container.mux(stream.encode(None))
+        video.write(picture)
+    if video is not None:
+        video.finish()
     if voice is not None and sound is not None:
         chunk = av.AudioFrame.from_ndarray(sound[None], "s16", "mono")
         chunk.sample_rate = sample_rate

@@ -10,12 +10,12 @@ from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES, arkit
 from app.sinks.arkit import ArkitSink, timecode
 from app.sinks.motion import MotionSink
-from app.sinks.video import VideoSink
+from app.sinks.video import VideoSink, film
 from encoder.types import DrivenFrame
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.types import AHEAD
-from sensors.types import FPS, NS, SAMPLES_PER_FRAME, InputError, SensorFrame
+from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME, InputError, SensorFrame
 
 
 def result(index: int, code: np.ndarray, picture: np.ndarray | None = None) -> FrameResult:
@@ -100,6 +100,53 @@ def test_video_has_picture_and_sound_of_equal_length(tmp_path: Path) -> None:
     assert abs(samples - 45 * SAMPLES_PER_FRAME) <= 2048  # AAC pads its last block
     grey = frames[-1].to_ndarray(format="gray")
     assert abs(float(grey.mean()) - 4 * 42) < 8  # the last picture is repeated, not black
+
+
+@pytest.mark.parametrize("name", ["v.mp4", "v.mkv", "v.mov"])
+def test_pictures_and_sound_begin_at_once_and_stay_in_step(tmp_path: Path, name: str) -> None:
+    """Red before: both began at 67 ms in MP4, and the sound early by 45 ms where times are not
+    looked at, as in a WAV made of it."""
+    import av
+
+    sink = VideoSink(tmp_path / name)
+    sink.on_start(RunInfo(64, 64, 45))
+    for k in range(45):
+        made = result(k, np.zeros(256, np.float32), np.full((64, 64, 4), 255 * (k == 30), np.uint8))
+        made.sensors.audio[:] *= k == 30
+        sink.on_frame(made)
+    sink.close()
+    with av.open(str(tmp_path / name)) as container:
+        frames = list(container.decode(video=0))
+    with av.open(str(tmp_path / name)) as container:
+        sound = np.concatenate([f.to_ndarray()[0] for f in container.decode(audio=0)])
+    bright = [f.time for f in frames if f.to_ndarray(format="gray").mean() > 128]
+    assert (frames[0].time, bright) == (0, [pytest.approx(1, abs=1e-3)])
+    assert np.flatnonzero(np.abs(sound) > 0.1)[0] / SAMPLE_RATE == pytest.approx(1, abs=0.01)
+
+
+def test_colours_are_those_of_the_tag(tmp_path: Path) -> None:
+    """Red before: no tag, so that players took large pictures for BT.709, which they were not."""
+    import av
+
+    shown = np.full((64, 64, 3), (200, 40, 90), np.uint8)
+    film(tmp_path / "film.mp4", [shown] * 3)
+    sink = VideoSink(tmp_path / "v.mp4")
+    sink.on_start(RunInfo(64, 64, 3))
+    for k in range(3):
+        picture = np.full((64, 64, 4), (200, 40, 90, 255), np.uint8)
+        sink.on_frame(result(k, np.zeros(256, np.float32), picture))
+    sink.close()
+    for name in ("film.mp4", "v.mp4"):
+        with av.open(str(tmp_path / name)) as container:
+            context = container.streams.video[0].codec_context
+            tags = context.colorspace, context.color_primaries, context.color_trc
+            y, u, v = np.split(next(container.decode(video=0)).to_ndarray().ravel(), [4096, 5120])
+        assert tags == (1, 1, 1) and context.color_range == 1  # BT.709, 16 to 235
+        luma, red = 255 / 219 * (y.mean() - 16), 255 / 224 * (v.mean() - 128)
+        blue = 255 / 224 * (u.mean() - 128)
+        assert luma + 1.5748 * red == pytest.approx(200, abs=3)
+        assert luma - 0.1873 * blue - 0.4681 * red == pytest.approx(40, abs=3)
+        assert luma + 1.8556 * blue == pytest.approx(90, abs=3)
 
 
 @pytest.mark.parametrize("name", ["v.mp4", "v.mkv", "v.MOV"])
