@@ -1,7 +1,8 @@
 """Gaussians as binary glTF with KHR_gaussian_splatting, for engines and viewers.
 
 glTF has metres, +y up and +z forward, as our world but for the unit; its quaternions are xyzw.
-Viewers without the extension show points in the colours of COLOR_0.
+What the head mirrors is stored as seen from the front. Viewers without the extension show points
+in the colours of COLOR_0.
 """
 
 import json
@@ -12,13 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.types import Gaussians
+from render.splats.shine import colors_from
+from render.types import Floats, Gaussians
 from sensors import files
 
 EXTENSION = "KHR_gaussian_splatting"
 SH_0 = 0.28209479177387814  # the constant spherical harmonic: colour = 0.5 + SH_0 * coefficient
 MM = 0.001  # m
 FLOAT, BYTE = 5126, 5121  # component types
+VERTICES = 34962  # what a view of the buffer holds
 KINDS = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
 MAGIC, JSON_CHUNK, BINARY_CHUNK = 0x46546C67, 0x4E4F534A, 0x004E4942
 
@@ -33,19 +36,21 @@ def gltf_bytes(gaussians: Gaussians) -> bytes:
     gaussians.check()
     lengths = np.linalg.norm(gaussians.quats, axis=1, keepdims=True)
     quats = np.where(lengths > 0, gaussians.quats / np.maximum(lengths, 1e-12), [1, 0, 0, 0])
+    colors = colors_from(gaussians)
     attributes: dict[str, NDArray[Any]] = {
         "POSITION": gaussians.means * MM,
         f"{EXTENSION}:ROTATION": quats[:, [1, 2, 3, 0]],
         f"{EXTENSION}:SCALE": gaussians.scales * MM,
         f"{EXTENSION}:OPACITY": gaussians.opacities[:, None].clip(0, 1),
-        f"{EXTENSION}:SH_DEGREE_0_COEF_0": (gaussians.colors - 0.5) / SH_0,
-        "COLOR_0": _fallback(gaussians),
+        f"{EXTENSION}:SH_DEGREE_0_COEF_0": (colors - 0.5) / SH_0,
+        "COLOR_0": _fallback(colors, gaussians.opacities),
     }
     accessors, views, data = list[dict[str, Any]](), list[dict[str, Any]](), bytearray()
     for values in attributes.values():
         kind = np.uint8 if values.dtype == np.uint8 else np.float32
         packed = np.ascontiguousarray(values, kind)
-        views.append({"buffer": 0, "byteOffset": len(data), "byteLength": packed.nbytes})
+        place = {"byteOffset": len(data), "byteLength": packed.nbytes}
+        views.append({"buffer": 0, "target": VERTICES, **place})
         accessors.append(_accessor(packed, len(accessors)))
         data += packed.tobytes()
     accessors[0] |= {
@@ -91,9 +96,9 @@ def _accessor(values: NDArray[Any], view: int) -> dict[str, Any]:
     }
 
 
-def _fallback(gaussians: Gaussians) -> NDArray[np.uint8]:  # [N, 4]
+def _fallback(colors: Floats, opacities: Floats) -> NDArray[np.uint8]:  # [N, 4]
     """COLOR_0 is linear light; ours are sRGB values."""
-    srgb = gaussians.colors.clip(0, 1)
+    srgb = colors.clip(0, 1)
     linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
-    both = np.concatenate([linear, gaussians.opacities[:, None].clip(0, 1)], 1)
+    both = np.concatenate([linear, opacities[:, None].clip(0, 1)], 1)
     return np.rint(both * 255).astype(np.uint8)

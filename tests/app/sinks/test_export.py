@@ -16,7 +16,7 @@ from app.drive.sink import FrameResult, RunInfo
 from app.sinks.arkit import ArkitSink
 from app.sinks.clouds import CloudSink
 from encoder.types import DrivenFrame
-from render.avatars import gltf, ply
+from render.avatars import gltf, ply, sheet
 from render.avatars.gltf import EXTENSION, SH_0
 from render.decoder import identity
 from render.decoder.decoder import Decoder
@@ -99,9 +99,34 @@ def test_pygltflib_reads_a_posed_head(cloud: Gaussians, tmp_path: Path) -> None:
     shown = 0.5 + SH_0 * values(f"{EXTENSION}:SH_DEGREE_0_COEF_0")
     np.testing.assert_allclose(shown, cloud.colors, atol=1e-6)
     assert values("COLOR_0").shape == (COUNT, 4)
+    assert {view.target for view in file.bufferViews} == {pygltflib.ARRAY_BUFFER}
     position = file.accessors[primitive.attributes.POSITION]
     assert position.min == pytest.approx((cloud.means / 1000).min(0), abs=1e-6)
     assert position.max == pytest.approx((cloud.means / 1000).max(0), abs=1e-6)
+
+
+def test_what_a_head_mirrors_is_in_both_kinds_of_files(tmp_path: Path) -> None:
+    """Red before: glTF had matt skin and eyes without a light in them."""
+    cloud = sheet.posed(Decoder.load(gaussians="16k"), identity.load("ben"), "neutral")
+    assert cloud.shine is not None
+    ply.save(tmp_path / "head.ply", cloud)
+    vertex = PlyData.read(str(tmp_path / "head.ply"))["vertex"]
+    gltf.save(tmp_path / "head.glb", cloud)
+    file = pygltflib.GLTF2().load(str(tmp_path / "head.glb"))
+    assert file is not None
+    attributes = file.meshes[0].primitives[0].attributes
+
+    def values(name: str, kind: type[np.generic], width: int) -> np.ndarray:
+        view = file.bufferViews[file.accessors[getattr(attributes, name)].bufferView]
+        data = np.frombuffer(file.binary_blob(), kind, width * len(cloud), view.byteOffset)
+        return data.reshape(-1, width).astype(float)
+
+    shown = np.stack([vertex[f"f_dc_{k}"] for k in range(3)], 1)
+    stored = values(f"{EXTENSION}:SH_DEGREE_0_COEF_0", np.float32, 3)
+    np.testing.assert_allclose(stored, shown, atol=1e-5)
+    srgb = (0.5 + SH_0 * shown).clip(0, 1)
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(values("COLOR_0", np.uint8, 4)[:, :3] / 255, linear, atol=0.003)
 
 
 @pytest.mark.slow
