@@ -7,6 +7,7 @@ sides; the page keeps the votes in the browser and saves them as a JSON file, wh
 """
 
 import base64
+import hashlib
 import json
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -38,7 +39,9 @@ def make_page(a: Path, b: Path, out: Path, seed: int, size: int = SIZE_PX) -> No
         flipped = np.random.default_rng(seed).random(len(pairs)) < 0.5
         order: list[int] = np.random.default_rng([seed, 1]).permutation(len(pairs)).tolist()
         trials = [_trial(pairs[i], bool(flipped[i])) for i in order]
-    files.write_text(out, PAGE.replace("TRIALS", json.dumps(trials)))
+    shown_pairs = json.dumps(trials)
+    study = hashlib.sha256(shown_pairs.encode()).hexdigest()[:16]
+    files.write_text(out, PAGE.replace("STUDY", study).replace("TRIALS", shown_pairs))
     pairs_made = "1 pair" if len(trials) == 1 else f"{len(trials)} pairs"
     print(f"wrote {out} with {pairs_made}; open it in a browser and save the votes")
     print("then: livedrive eval ab --count votes.json")
@@ -141,26 +144,29 @@ PAGE = """<!doctype html>
 <div><video id="left" controls></video> <video id="right" controls></video>
 <img id="left_still" hidden alt=""> <img id="right_still" hidden alt=""></div>
 <p><button id="play" onclick="play()">Play both in turn</button></p>
-<p><button onclick="vote('left')">Left</button><button onclick="vote('right')">Right</button></p>
+<p id="choices"><button onclick="vote('left')">Left</button>
+<button onclick="vote('right')">Right</button></p>
 <p><button onclick="save()">Save votes</button></p>
 <script>
-const trials = TRIALS, key = "livedrive-ab-" + trials.length + "-" + trials[0].name;
+const trials = TRIALS, key = "livedrive-ab-STUDY";  // all files share one storage
 const votes = JSON.parse(localStorage.getItem(key) || "[]");
 const side = id => document.getElementById(id);
 function show() {
   const t = trials[votes.length];
   side("count").textContent = t ? `${votes.length + 1} of ${trials.length}` : "Done. Thank you!";
+  const still = t?.left_video.startsWith("data:image");
   for (const id of ["left", "right"]) {
-    const source = t ? t[id + "_video"] : "", still = source.startsWith("data:image");
-    side(id).hidden = still, side(id + "_still").hidden = !still;
+    const source = t ? t[id + "_video"] : "";
+    side(id).hidden = !t || still, side(id + "_still").hidden = !still;
     side(id).src = still ? "" : source, side(id + "_still").src = still ? source : "";
-    side("play").hidden = still;
-    side("question").textContent = "Which face looks more " +
-      (still ? "like a living person?" : "natural and better in time with its voice?");
   }
+  side("play").hidden = !t || still, side("choices").hidden = side("question").hidden = !t;
+  side("question").textContent = "Which face looks more " +
+    (still ? "like a living person?" : "natural and better in time with its voice?");
 }
 function play() {
   side("left").onended = () => side("right").play();
+  side("right").pause();
   side("left").currentTime = side("right").currentTime = 0;
   side("left").play();
 }
