@@ -1,13 +1,12 @@
 """VRChat over OSC: VRCFaceTracking's v2 parameters and VRChat's own eye tracking.
 
 Parameters follow VRCFaceTracking's "Unified Expressions": lids are 0 shut, 0.75 open, 1 wide; eye
-directions are shares of 45 degrees, positive to the avatar's right and up. VRChat's own eye
-tracking takes degrees, positive down and to the right; its trackers take the head's position in
-metres and Euler angles in degrees.
+directions are shares of 45 degrees, positive to the avatar's right and up. Avatars take shapes, or
+what joins some of them (SmileSad, EyeY). VRChat's own eye tracking takes degrees, positive down and
+to the right; its trackers take the head's position in metres and Euler angles in degrees.
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
 from app.face.arkit import ARKIT_NAMES
 from app.sinks.protocols.face import NamedFace
@@ -17,36 +16,43 @@ from sensors import rotation
 PREFIX = "v2"
 OPEN_LID = 0.75
 FULL_TURN = np.radians(45.0)
-EYE_PARAMETERS = ("EyeLeftX", "EyeLeftY", "EyeRightX", "EyeRightY")
+SIDES = ("Left", "Right")
+EYE_PARAMETERS = ("EyeLeftX", "EyeLeftY", "EyeRightX", "EyeRightY", "EyeX", "EyeY")
 
 
 def _sided(name: str, *sources: str) -> dict[str, dict[str, float]]:
-    return {name + s: {source + s: 1.0 for source in sources} for s in ("Left", "Right")}
+    return {name + s: {source + s: 1.0 for source in sources} for s in SIDES}
 
 
 def _quarters(name: str, source: str) -> dict[str, dict[str, float]]:
-    return {
-        f"{name}{row}{side}": {source: 1.0}
-        for row in ("Upper", "Lower")
-        for side in ("Left", "Right")
-    }
+    return {f"{name}{row}{side}": {source: 1.0} for row in ("Upper", "Lower") for side in SIDES}
 
 
-# v2 parameter -> weights of ARKit blendshapes; the lids also get OPEN_LID.
-EXPRESSIONS: dict[str, dict[str, float]] = {
-    **{
-        f"EyeLid{s}": {f"eyeBlink{s}": -OPEN_LID, f"eyeWide{s}": 1 - OPEN_LID}
-        for s in ("Left", "Right")
-    },
+# What stands for the stronger of two ARKit blendshapes.
+STRONGER = {
+    **{f"MouthSad{s}": (f"mouthFrown{s}", f"mouthStretch{s}") for s in SIDES},
+    **{f"Eye{part}": (f"eye{part}Left", f"eye{part}Right") for part in ("Squint", "Wide")},
+}
+SOURCES = (*ARKIT_NAMES, *STRONGER)
+# v2 parameter -> weights of SOURCES; the lids also get OPEN_LID.
+_SHAPES: dict[str, dict[str, float]] = {
+    **{f"EyeLid{s}": {f"eyeBlink{s}": -OPEN_LID, f"eyeWide{s}": 1 - OPEN_LID} for s in SIDES},
     **_sided("EyeSquint", "eyeSquint"),
+    **_sided("EyeWide", "eyeWide"),
+    **_sided("BrowDown", "browDown"),
+    **{f"BrowUp{s}": {f"browOuterUp{s}": 0.6, "browInnerUp": 0.4} for s in SIDES},
+    **{
+        f"BrowExpression{s}": {"browInnerUp": 0.5, f"browOuterUp{s}": 0.5, f"browDown{s}": -1.0}
+        for s in SIDES
+    },
     **_sided("BrowPinch", "browDown"),
     **_sided("BrowLowerer", "browDown"),
-    **{f"BrowInnerUp{s}": {"browInnerUp": 1.0} for s in ("Left", "Right")},
+    **{f"BrowInnerUp{s}": {"browInnerUp": 1.0} for s in SIDES},
     **_sided("BrowOuterUp", "browOuterUp"),
     **_sided("NoseSneer", "noseSneer"),
     **_sided("CheekSquint", "cheekSquint"),
-    **{f"CheekPuff{s}": {"cheekPuff": 1.0} for s in ("Left", "Right")},
-    **{f"CheekPuffSuck{s}": {"cheekPuff": 1.0} for s in ("Left", "Right")},
+    **{f"CheekPuff{s}": {"cheekPuff": 1.0} for s in SIDES},
+    **{f"CheekPuffSuck{s}": {"cheekPuff": 1.0} for s in SIDES},
     "JawOpen": {"jawOpen": 1.0},
     "JawLeft": {"jawLeft": 1.0},
     "JawRight": {"jawRight": 1.0},
@@ -56,22 +62,33 @@ EXPRESSIONS: dict[str, dict[str, float]] = {
     "MouthClosed": {"mouthClose": 1.0},
     **_quarters("LipFunnel", "mouthFunnel"),
     **_quarters("LipPucker", "mouthPucker"),
-    "LipFunnel": {"mouthFunnel": 1.0},
-    "LipPucker": {"mouthPucker": 1.0},
-    **{f"LipSuckUpper{s}": {"mouthRollUpper": 1.0} for s in ("Left", "Right")},
-    **{f"LipSuckLower{s}": {"mouthRollLower": 1.0} for s in ("Left", "Right")},
+    **{f"LipFunnel{part}": {"mouthFunnel": 1.0} for part in ("", "Upper", "Lower")},
+    **{f"LipPucker{part}": {"mouthPucker": 1.0} for part in ("", "Upper", "Lower", *SIDES)},
+    **{f"LipSuckUpper{s}": {"mouthRollUpper": 1.0} for s in SIDES},
+    **{f"LipSuckLower{s}": {"mouthRollLower": 1.0} for s in SIDES},
     "LipSuckUpper": {"mouthRollUpper": 1.0},
     "LipSuckLower": {"mouthRollLower": 1.0},
+    "LipSuck": {"mouthRollUpper": 0.5, "mouthRollLower": 0.5},
+    **{
+        f"LipSuckFunnel{row}{side}": {f"mouthRoll{row}": 1.0, "mouthFunnel": -1.0}
+        for row in ("Upper", "Lower")
+        for side in ("", *SIDES)
+    },
     **{f"Mouth{row}Left": {"mouthLeft": 1.0} for row in ("Upper", "Lower")},
     **{f"Mouth{row}Right": {"mouthRight": 1.0} for row in ("Upper", "Lower")},
-    "MouthX": {"mouthRight": 1.0, "mouthLeft": -1.0},
+    **{f"Mouth{row}X": {"mouthRight": 1.0, "mouthLeft": -1.0} for row in ("", "Upper", "Lower")},
     **_sided("MouthUpperUp", "mouthUpperUp"),
     **_sided("MouthUpperDeepen", "mouthUpperUp"),
     **_sided("MouthLowerDown", "mouthLowerDown"),
+    "MouthOpen": {f"mouth{part}{s}": 0.25 for part in ("UpperUp", "LowerDown") for s in SIDES},
     **_sided("MouthCornerPull", "mouthSmile"),
     **_sided("MouthCornerSlant", "mouthSmile"),
     **_sided("MouthSmile", "mouthSmile"),
     **_sided("MouthFrown", "mouthFrown"),
+    **{name: {name: 1.0} for name in STRONGER},
+    **{f"SmileFrown{s}": {f"mouthSmile{s}": 1.0, f"mouthFrown{s}": -1.0} for s in SIDES},
+    **{f"MouthCornerY{s}": {f"mouthSmile{s}": 1.0, f"mouthFrown{s}": -1.0} for s in SIDES},
+    **{f"SmileSad{s}": {f"mouthSmile{s}": 1.0, f"MouthSad{s}": -1.0} for s in SIDES},
     **_sided("MouthStretch", "mouthStretch"),
     **_sided("MouthDimple", "mouthDimple"),
     "MouthRaiserUpper": {"mouthShrugUpper": 1.0},
@@ -79,6 +96,19 @@ EXPRESSIONS: dict[str, dict[str, float]] = {
     **_sided("MouthPress", "mouthPress"),
     "TongueOut": {"tongueOut": 1.0},
 }
+MEANS = (  # of the left and the right one
+    *("EyeLid", "BrowUp", "BrowDown", "BrowInnerUp", "BrowOuterUp", "BrowExpression"),
+    *("CheekSquint", "CheekPuffSuck", "NoseSneer", "MouthUpperUp", "MouthLowerDown"),
+    *("MouthStretch", "MouthDimple", "MouthPress", "MouthCornerY", "SmileFrown", "SmileSad"),
+)
+
+
+def _mean(name: str) -> dict[str, float]:
+    left, right = (_SHAPES[name + side] for side in SIDES)
+    return {k: (left.get(k, 0.0) + right.get(k, 0.0)) / 2 for k in left | right}
+
+
+EXPRESSIONS = _SHAPES | {name: _mean(name) for name in MEANS}
 
 
 class VRChatEncoder:
@@ -91,19 +121,21 @@ class VRChatEncoder:
         messages += [("/tracking/eye/EyesClosedAmount", (), 1)]
         messages += [(f"/tracking/trackers/head/{n}", (), 3) for n in ("position", "rotation")]
         self._bundles = OscBundles(messages)
-        self._weights = np.zeros((len(EXPRESSIONS), len(ARKIT_NAMES)), np.float32)
+        self._weights = np.zeros((len(EXPRESSIONS), len(SOURCES)), np.float32)
         for row, sources in enumerate(EXPRESSIONS.values()):
             for name, weight in sources.items():
-                self._weights[row, ARKIT_NAMES.index(name)] = weight
+                self._weights[row, SOURCES.index(name)] = weight
         self._rest = np.array([OPEN_LID * n.startswith("EyeLid") for n in EXPRESSIONS], np.float32)
-        self._blinks = [ARKIT_NAMES.index(f"eyeBlink{s}") for s in ("Left", "Right")]
+        self._stronger = [[ARKIT_NAMES.index(n) for n in pair] for pair in STRONGER.values()]
+        self._blinks = [ARKIT_NAMES.index(f"eyeBlink{s}") for s in SIDES]
 
     def __call__(self, face: NamedFace) -> list[bytes]:
-        right_up: NDArray[np.float32] = face.angles * np.array([-1, 1], np.float32)
+        right_up = (face.angles * np.array([-1, 1], np.float32) / FULL_TURN).clip(-1, 1)
         down_right = np.degrees(-face.angles[:, ::-1])
-        parameters = self._weights @ face.arkit + self._rest
+        shapes = np.concatenate([face.arkit, face.arkit[self._stronger].max(1)])
+        parameters = self._weights @ shapes + self._rest
         closed = face.arkit[self._blinks].mean()
-        values = [(right_up / FULL_TURN).clip(-1, 1).ravel(), parameters, down_right.ravel()]
+        values = [right_up.ravel(), right_up.mean(0), parameters, down_right.ravel()]
         position, _ = rotation.to_unity(face.head)
         pitch, yaw, roll = np.degrees(rotation.to_angles(face.head.quat))
         values += [[closed], position, [pitch, -yaw, -roll]]

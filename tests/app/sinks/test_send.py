@@ -11,14 +11,16 @@ import numpy as np
 import pytest
 from pylivelinkface import FaceBlendShape, PyLiveLinkFace
 from pythonosc.dispatcher import Dispatcher
+from pythonosc.osc_packet import OscPacket
 from pythonosc.osc_server import BlockingOSCUDPServer
 
 from app.drive.sink import FrameResult, RunInfo
-from app.sinks.protocols.face import FaceReader
+from app.face.arkit import ARKIT_NAMES
+from app.sinks.protocols.face import FaceReader, NamedFace
 from app.sinks.protocols.osc import MAX_DATAGRAM
 from app.sinks.protocols.send import QUEUE, Receiver, SendSink
 from app.sinks.protocols.vmc import VmcEncoder, unity_turn
-from app.sinks.protocols.vrchat import EXPRESSIONS, VRChatEncoder
+from app.sinks.protocols.vrchat import EXPRESSIONS, STRONGER, VRChatEncoder
 from app.sinks.table import Outlet, open_all, parse
 from encoder.types import DrivenFrame
 from render.decoder.decoder import Decoder
@@ -107,7 +109,8 @@ def test_vrchat_carries_the_table_by_name(
             got = {address.removeprefix("/avatar/parameters/v2/"): args for address, args in heard}
 
             def shape(name: str, row: dict[str, float] = row) -> float:
-                return row[name[0].upper() + name[1:]]
+                both = STRONGER.get(name, (name,))
+                return max(row[source[0].upper() + source[1:]] for source in both)
 
             for name, weights in EXPRESSIONS.items():
                 expected = sum(weight * shape(source) for source, weight in weights.items())
@@ -121,6 +124,36 @@ def test_vrchat_carries_the_table_by_name(
 
 
 _PITCH_YAW = ("Pitch", "Yaw")
+
+
+def test_vrchat_has_the_parameters_that_join_others() -> None:
+    """Their sums are VRCFaceTracking's. Red before: most avatars smile, sneer and frown by them
+    alone."""
+    values = {"mouthSmileLeft": 0.5, "mouthFrownLeft": 0.1, "mouthStretchLeft": 0.3}
+    values |= {"mouthSmileRight": 0.2, "browInnerUp": 0.5, "browOuterUpLeft": 0.2}
+    values |= {"browDownLeft": 0.1, "eyeSquintRight": 0.4, "eyeWideLeft": 0.8, "noseSneerLeft": 0.6}
+    values |= {"mouthUpperUpLeft": 0.4, "mouthLowerDownRight": 0.2, "mouthRollUpper": 0.3}
+    arkit = np.array([values.get(name, 0.0) for name in ARKIT_NAMES], np.float32)
+    right_up = np.radians([[-9, 18], [-27, 18]]).astype(np.float32)
+    face = NamedFace(0, 0, arkit, AHEAD, right_up)
+    messages = [m.message for d in VRChatEncoder()(face) for m in OscPacket(d).messages]
+    got = {m.address.removeprefix("/avatar/parameters/v2/"): m.params[0] for m in messages}
+    assert {name: pytest.approx(got[name], abs=1e-6) for name in JOINED} == JOINED
+
+
+JOINED = {
+    **{"SmileFrownLeft": 0.4, "SmileFrownRight": 0.2, "SmileFrown": 0.3},
+    **{"SmileSadLeft": 0.2, "SmileSadRight": 0.2, "SmileSad": 0.2, "MouthSadLeft": 0.3},
+    **{"BrowExpressionLeft": 0.25, "BrowExpressionRight": 0.25, "BrowExpression": 0.25},
+    **{"BrowUpLeft": 0.32, "BrowUp": 0.26, "BrowDownLeft": 0.1, "BrowDown": 0.05},
+    **{"BrowInnerUp": 0.5, "BrowOuterUp": 0.1, "EyeSquint": 0.4, "EyeWide": 0.8},
+    **{"EyeWideLeft": 0.8, "EyeLid": 0.85, "EyeLidLeft": 0.95, "NoseSneer": 0.3},
+    **{"MouthUpperUp": 0.2, "MouthLowerDown": 0.1, "MouthOpen": 0.15, "MouthStretch": 0.15},
+    **{"MouthCornerYLeft": 0.4, "MouthCornerY": 0.3, "LipSuckUpper": 0.3, "LipSuck": 0.15},
+    **{"LipFunnelUpper": 0.0, "LipPuckerLower": 0.0, "LipSuckFunnelUpper": 0.3},
+    **{"CheekPuffSuck": 0.0, "CheekSquint": 0.0, "MouthUpperX": 0.0, "MouthLowerX": 0.0},
+    **{"MouthPress": 0.0, "MouthDimple": 0.0, "EyeRightX": 0.6, "EyeX": 0.4, "EyeY": 0.4},
+}
 
 
 @pytest.mark.slow
