@@ -5,7 +5,7 @@ import contextlib
 from collections import deque
 from collections.abc import Sequence
 
-from aiohttp import WSMsgType, web
+from aiohttp import WSCloseCode, WSMsgType, web
 
 from app.web.guard import RateLimit
 
@@ -22,6 +22,7 @@ class Hub:
         self.sent = self.dropped = 0  # messages, over all listeners
         self._depth, self._binary = depth, binary
         self._boxes: set[_Box] = set()
+        self._lines: set[web.WebSocketResponse] = set()
 
     def __len__(self) -> int:
         return len(self._boxes)
@@ -35,11 +36,15 @@ class Hub:
         for box in self._boxes:
             box.begin(message)
 
-    async def drain(self, patience_s: float) -> None:
-        """Return when all queues are empty, or after `patience_s`."""
-        end = asyncio.get_running_loop().time() + patience_s
-        while any(self._boxes) and asyncio.get_running_loop().time() < end:
-            await asyncio.sleep(0.01)
+    async def finish(self, patience_s: float) -> None:
+        """Return when all has been sent and everybody knows that it is over, or after
+        `patience_s`."""
+        with contextlib.suppress(TimeoutError):
+            async with asyncio.timeout(patience_s):
+                while any(self._boxes):
+                    await asyncio.sleep(0.01)
+                over = [line.close(code=WSCloseCode.GOING_AWAY) for line in self._lines]
+                await asyncio.gather(*over, return_exceptions=True)
 
     async def serve(
         self, request: web.Request, first: Sequence[bytes] = ()
@@ -53,12 +58,14 @@ class Hub:
         await ws.prepare(request)
         box = _Box(self._depth)
         self._boxes.add(box)
+        self._lines.add(ws)
         transport = request.transport
         feed = asyncio.create_task(self._feed(ws, transport, box, first))
         try:
             await _mind(ws, transport)
         finally:
             self._boxes.discard(box)
+            self._lines.discard(ws)
             feed.cancel()
             with contextlib.suppress(asyncio.CancelledError, ConnectionError):
                 await feed

@@ -89,7 +89,7 @@ class WebServer:
             await asyncio.wait([ended], timeout=STATUS_S)
             self._tell(**self.counts())  # also once at the end
         loop.remove_reader(self._end)
-        await self._names.drain(SHUTDOWN_S)
+        await asyncio.gather(self._names.finish(SHUTDOWN_S), self._clouds.finish(SHUTDOWN_S))
         door.cancel()
         await runner.cleanup()
 

@@ -102,6 +102,23 @@ def test_a_json_target_serves_programs_and_no_page(decoder: Decoder) -> None:
         play(work)
 
 
+def test_programs_are_told_that_it_is_over(decoder: Decoder) -> None:
+    """Red before: 1006, as after a crash."""
+
+    async def work() -> None:
+        with serving(decoder, page=False) as talker:
+            async with socket_to(talker, "") as ws:
+                talker.tick()
+                assert (await ws.receive_json())["frame"] == talker.index
+                talker.link.finish()
+                told = await ws.receive()
+                while told.type is aiohttp.WSMsgType.TEXT:
+                    told = await ws.receive()
+                assert told.data == aiohttp.WSCloseCode.GOING_AWAY
+
+    play(work)
+
+
 def test_a_late_page_gets_the_head_at_once(talker: Talker) -> None:
     expect_the_head_at_once(talker)
 
