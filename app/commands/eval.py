@@ -12,6 +12,7 @@ from app.eval.eyes.evaluate import EyesSettings
 from app.eval.head import HeadSettings
 from app.eval.photos import PhotosSettings
 from app.eval.prior import PriorSettings
+from app.eval.rest import RestSettings
 from app.eval.speech.settings import SpeechSettings
 from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Seed
@@ -137,11 +138,24 @@ class EvalPhotos:
 
 
 @dataclass(kw_only=True)
+class EvalRest:
+    """Measure how far lips open in sounds that are no voice."""
+
+    settings: OmitArgPrefixes[RestSettings] = field(default_factory=RestSettings)
+
+    def run(self) -> None:
+        from app.eval.rest import evaluate
+
+        evaluate(self.settings)
+
+
+@dataclass(kw_only=True)
 class Eval:
-    """Evaluate what was trained: speech | eyes | head | emotion | ab | prior | photos."""
+    """Evaluate what was trained: speech | rest | eyes | head | emotion | ab | prior | photos."""
 
     command: tyro.conf.OmitSubcommandPrefixes[
         Annotated[EvalSpeech, subcommand("speech")]
+        | Annotated[EvalRest, subcommand("rest")]
         | Annotated[EvalEyes, subcommand("eyes")]
         | Annotated[EvalHead, subcommand("head")]
         | Annotated[EvalEmotion, subcommand("emotion")]

@@ -15,7 +15,8 @@ class Train:
     """Train one stage; Ctrl-C stops it safely, --resume continues.
 
     Order: audio, diffusion, distill, contact (closes the student's lips); then gaze (a graph),
-    eyes, multimodal; emotion; listen (the whole chain also hears phones, with a contact head anew).
+    eyes, multimodal; emotion; listen (the whole chain also hears phones, with a contact head anew),
+    voice-activity (its lips rest in more sounds that are no voice).
     Start it with torchrun on several GPUs or machines.
     """
 
@@ -34,8 +35,8 @@ class Train:
     """peers: which of the paper's baselines (table 1) to train a twin of; it goes to DATA/peers,
     for `eval speech --peers`."""
     leave_out: tuple[str, ...] = ()
-    """diffusion, distill, listen, contact: talkers to keep out of training, e.g. grid-s2; weights
-    go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
+    """diffusion, distill, listen, voice-activity, contact: talkers to keep out of training, e.g.
+    grid-s2; weights go to DATA/leave_out, where `eval speech --leave-one-out` finds them."""
     teacher: File = None
     """audio: ONNX file of a viseme network, the teacher on recordings without a transcript."""
     phones: File = None
@@ -44,7 +45,8 @@ class Train:
     """Continue from the last saved state."""
     start: File = None
     """Folder of weights to start from, of the same shapes; listen: of the chain to extend;
-    contact, emotion: of the student to extend, and, if it has any, of the convolutions."""
+    contact, emotion, voice-activity: of the student to extend, and, if it has any, of the
+    convolutions."""
     steps: Number = None
     """Training steps, instead of the preset's."""
     face: Path = Path("face")

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Literal
 
 Stage = Literal[
-    "prior", "audio", "diffusion", "distill", "listen", "contact", "regression", "gaze", "eyes",
-    "wide-eyes", "multimodal", "emotion", "peers", "landmarks",
+    "prior", "audio", "diffusion", "distill", "listen", "voice-activity", "contact", "regression",
+    "gaze", "eyes", "wide-eyes", "multimodal", "emotion", "peers", "landmarks",
 ]  # fmt: skip
 Variant = Literal[
     "none", "plain", "centred", "causal", "offline", "lookahead",

@@ -33,7 +33,9 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own
-LEAVING_OUT = ("diffusion", "distill", "listen", "contact")
+LEAVING_OUT = ("diffusion", "distill", "listen", "voice-activity", "contact")
+
+EXTENDING = ("emotion", "contact", "listen", "voice-activity")  # --start is what they extend
 
 
 def run_stage(settings: TrainSettings) -> None:
@@ -74,6 +76,10 @@ def run_stage(settings: TrainSettings) -> None:
         from app.train.emotion import run_emotion_stage
 
         run_emotion_stage(settings, run, overrides)
+    elif settings.stage in ("listen", "voice-activity"):
+        from app.train.listen import run_listen_stage
+
+        run_listen_stage(settings, folder, run, overrides)
     else:
         _run_motion(settings, folder, run, overrides)
 
@@ -84,9 +90,6 @@ def _run_motion(
     from app.face.losses import face
     from encoder.training.stages import contact, diffusion, distill
 
-    if settings.stage == "listen":
-        _run_listen(settings, folder, run, overrides)
-        return
     if settings.stage == "peers":
         _run_peer(settings, run, overrides)
         return
@@ -140,28 +143,6 @@ def _run_peer(settings: TrainSettings, run: "RunSettings", overrides: dict[str, 
     peers.run(config, face())
 
 
-def _run_listen(
-    settings: TrainSettings, folder: Path, run: "RunSettings", overrides: dict[str, Any]
-) -> None:
-    from app.face.losses import face
-    from encoder.inference import WEIGHTS
-    from encoder.training.stages import listen
-
-    if settings.out is None and not settings.leave_out:
-        raise InputError("train listen: expected a folder for the new chain; give --out FOLDER")
-    config = listen.preset(
-        settings.preset,
-        pack=settings.data,
-        phones=settings.phones / "audio" if settings.phones else WEIGHTS / "phones",
-        old=settings.start or WEIGHTS,
-        pair=_weights(settings) / "audio",
-        output=folder if settings.leave_out else _weights(settings),
-        run=run,
-        **overrides,
-    )
-    listen.run(config, face())
-
-
 def _overrides(settings: TrainSettings) -> dict[str, Any]:
     """What the variant and the options change of the stage's preset."""
     stages = VARIANTS[settings.variant]
@@ -180,7 +161,7 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
                 f"{settings.stage}; leave it away"
             )
         overrides["without"] = settings.leave_out
-    if settings.start is not None and settings.stage not in ("emotion", "contact", "listen"):
+    if settings.start is not None and settings.stage not in EXTENDING:
         names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
         overrides["start"] = settings.start / names.get(settings.stage, "regression")
     return overrides

@@ -1,13 +1,21 @@
 """A face without the decoder, a pack of tones and clips of voices: what stages learn from here."""
 
+from dataclasses import asdict, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
 
+from encoder.audio.config import PRESETS as AUDIO
+from encoder.audio.encoder import AudioEncoder
 from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
-from encoder.denoiser.config import MOUTH
+from encoder.denoiser.config import MOUTH, PRESETS, ZeroConvConfig
+from encoder.denoiser.model import Denoiser
+from encoder.denoiser.zero_conv import ZeroConvs
+from encoder.emotion.labels import LABELS
+from encoder.nn import checkpoint
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.spoken import SpokenFrames
 
@@ -57,3 +65,30 @@ def spoken(voices: dict[str, int], dim: int = 7) -> SpokenFrames:
         heard, own.astype(np.float16), rig.astype(np.float16), phones, whose, lengths,
         np.isin(whose, ["anna", "ben"]),
     )  # fmt: skip
+
+
+def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
+    config = asdict(module.config)  # type: ignore[arg-type]
+    tensors = facts.pop("tensors", module.state_dict())
+    checkpoint.save(path, tensors, {"kind": kind, "config": config, "steps": 1, "seed": 0, **facts})
+    return str(checkpoint.load(path, kind)[1]["sha256"])
+
+
+def chain_that_hears_no_phones(folder: Path) -> dict[str, Path]:
+    """Untrained, with a phonetic encoder and a pack beside it; the paths of a ListenConfig."""
+    torch.manual_seed(0)
+    old, out = folder / "old", folder / "out"
+    save(old / "audio", AudioEncoder(AUDIO["debug"]), "audio")
+    sizes = replace(PRESETS["debug"], audio_dim=AUDIO["debug"].frame_width)
+    sha256 = save(old / "student", Denoiser(sizes), "student")
+    seer = Denoiser(replace(sizes, condition="eyes", condition_dim=160))
+    own = {k: v for k, v in seer.state_dict().items() if k.startswith(("input", "null_cond"))}
+    save(old / "student_eyes", seer, "student", tensors=own, audio_model={"sha256": sha256})
+    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=sizes.places))
+    save(old / "emotion", zero, "emotion", student_sha256=sha256)
+    phones = replace(AUDIO["phonetic-debug"], past_ticks=2)
+    save(folder / "phones" / "audio", AudioEncoder(phones), "audio")
+    return {
+        "pack": pack_of_tones(folder / "pack"), "phones": folder / "phones" / "audio",
+        "old": old, "output": out, "pair": out / "audio",
+    }  # fmt: skip

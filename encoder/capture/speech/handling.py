@@ -12,18 +12,24 @@ import numpy as np
 RATE = 24_000
 
 
-def _unit(sound: np.ndarray) -> np.ndarray:
+def unit(sound: np.ndarray) -> np.ndarray:
+    """At a deviation of 1."""
     return sound / max(float(sound.std()), 1e-9)
 
 
-def _coloured(
-    count: int, slope: float, low_hz: float, high_hz: float, rng: np.random.Generator
+def coloured(
+    count: int,
+    slope: float,
+    low_hz: float,
+    high_hz: float,
+    rng: np.random.Generator,
+    edges: int = 4,
 ) -> np.ndarray:
-    """Noise of power f^-slope between soft edges."""
+    """[n] noise of power f^-slope between two edges, the steeper the larger `edges`."""
     spectrum = np.fft.rfft(rng.standard_normal(count))
     hz = np.maximum(np.fft.rfftfreq(count, 1 / RATE), 10)
-    shape = hz ** (-slope / 2) / (1 + (low_hz / hz) ** 4) / (1 + (hz / high_hz) ** 4)
-    return _unit(np.fft.irfft(spectrum * shape, count))
+    shape = hz ** (-slope / 2) / (1 + (low_hz / hz) ** edges) / (1 + (hz / high_hz) ** edges)
+    return unit(np.fft.irfft(spectrum * shape, count))
 
 
 def _strokes(count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray:
@@ -38,7 +44,15 @@ def _strokes(count: int, rate_hz: float, rng: np.random.Generator) -> np.ndarray
     return speed
 
 
-def _crackle(count: int, per_second: float, rng: np.random.Generator) -> np.ndarray:
+def wander(count: int, hz: float, rng: np.random.Generator) -> np.ndarray:
+    """[n] a curve of unit deviation that changes about so often."""
+    points = max(int(2 * hz * count / RATE) + 4, 5)
+    places = np.linspace(0, points - 1, count)
+    return unit(np.interp(places, np.arange(points), rng.standard_normal(points)))
+
+
+def crackle(count: int, per_second: float, rng: np.random.Generator) -> np.ndarray:
+    """[n] so many small snaps, all of one material."""
     sound = np.zeros(count)
     number = rng.poisson(per_second * count / RATE)
     sound[rng.integers(count, size=number)] = rng.standard_normal(number) * rng.exponential(
@@ -54,11 +68,11 @@ def rub(count: int, rng: np.random.Generator) -> np.ndarray:
     """[n] a hand or cloth over the microphone."""
     speed = _strokes(count, rng.uniform(0.8, 7), rng)
     low, high = rng.uniform(20, 400), 10 ** rng.uniform(2.8, 4.0)
-    dull = _coloured(count, rng.uniform(0, 2), low, 0.5 * high, rng)
-    bright = _coloured(count, rng.uniform(0, 1.5), low, high, rng)
+    dull = coloured(count, rng.uniform(0, 2), low, 0.5 * high, rng)
+    bright = coloured(count, rng.uniform(0, 1.5), low, high, rng)
     sound = speed * (dull * (1 - speed) + bright * speed)
-    return _unit(sound) + rng.uniform(0, 0.8) * _unit(
-        speed * _crackle(count, rng.uniform(20, 400), rng) + 1e-4 * dull
+    return unit(sound) + rng.uniform(0, 0.8) * unit(
+        speed * crackle(count, rng.uniform(20, 400), rng) + 1e-4 * dull
     )
 
 
@@ -66,7 +80,7 @@ def friction(count: int, rng: np.random.Generator) -> np.ndarray:
     """[n] a surface that sticks and slips: a buzz that follows the stroke, through resonances."""
     speed = _strokes(count, rng.uniform(0.5, 4), rng)
     rate_hz = (
-        rng.uniform(40, 500) * (0.6 + 0.8 * speed) * (1 + 0.15 * _coloured(count, 1, 0.5, 30, rng))
+        rng.uniform(40, 500) * (0.6 + 0.8 * speed) * (1 + 0.15 * coloured(count, 1, 0.5, 30, rng))
     )
     phase = np.cumsum(rate_hz) / RATE
     slip = np.where(np.mod(phase, 1) < rng.uniform(0.05, 0.5), 1.0, 0.0)
@@ -76,21 +90,27 @@ def friction(count: int, rng: np.random.Generator) -> np.ndarray:
     for _ in range(int(rng.integers(1, 5))):
         centre, width = 10 ** rng.uniform(2.2, 3.8), rng.uniform(0.05, 0.6)
         shape += rng.uniform(0.2, 1) / (1 + ((hz - centre) / (width * centre)) ** 2)
-    return _unit(np.fft.irfft(spectrum * shape, count))
+    return unit(np.fft.irfft(spectrum * shape, count))
 
 
 def wind(count: int, rng: np.random.Generator) -> np.ndarray:
-    """[n] gusts: rumble, and a little hiss when they are strong; some overload the microphone."""
-    gust = np.abs(_coloured(count, 1.5, 0.2, rng.uniform(1, 8), rng)) ** rng.uniform(0.7, 1.6)
-    rumble = _coloured(count, rng.uniform(1, 3), rng.uniform(10, 40), 10 ** rng.uniform(2, 3), rng)
-    hiss = _coloured(count, 0.5, 300, 4000, rng)
-    sound = _unit(gust * rumble + rng.uniform(0, 0.15) * gust**2 * hiss)
+    """[n] gusts, slow ones and those as quick as syllables: rumble, and a little hiss when they are
+    strong; some overload the microphone."""
+    gust = np.abs(wander(count, 10 ** rng.uniform(-0.7, 1.2), rng)) ** rng.uniform(0.5, 2.5)
+    gust = gust + rng.uniform(0, 0.3)
+    if rng.random() < 0.5:
+        gust = gust * (0.2 + np.abs(wander(count, 10 ** rng.uniform(-0.8, 0.3), rng)))
+    low, high = 10 ** rng.uniform(0.7, 2.1), 10 ** rng.uniform(2, 3.2)
+    edges = 4 if rng.random() < 0.5 else 12
+    rumble = coloured(count, rng.uniform(0, 3), low, high, rng, edges)
+    hiss = coloured(count, 0.5, 300, 4000, rng)
+    sound = unit(gust * rumble + rng.uniform(0, 0.15) * gust**2 * hiss)
     return np.clip(sound, -2, 2) if rng.random() < 0.3 else sound
 
 
 def taps(count: int, rng: np.random.Generator) -> np.ndarray:
     """[n] fingers, a cable or a table against the headset."""
-    sound = 0.003 * _coloured(count, 1, 20, 8000, rng)
+    sound = 0.003 * coloured(count, 1, 20, 8000, rng)
     time, start = np.arange(int(0.3 * RATE)) / RATE, 0.0
     thump_hz, ring_hz, gap_s = (
         rng.uniform(40, 350),
@@ -106,7 +126,7 @@ def taps(count: int, rng: np.random.Generator) -> np.ndarray:
         hit = thump + rng.uniform(0, 0.5) * ring + rng.uniform(0, 0.8) * click
         first = int(start * RATE)
         sound[first : first + len(time)] += rng.uniform(0.2, 1) * hit
-    return _unit(sound)
+    return unit(sound)
 
 
 HANDLING: tuple[Callable[[int, np.random.Generator], np.ndarray], ...] = (rub, friction, wind, taps)

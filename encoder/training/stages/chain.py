@@ -113,20 +113,46 @@ def write(
     _save(path, weights, card)
     if not whole:
         return
-    sha = {"sha256": checkpoint.load(path, "student")[1]["sha256"]}
     seeing_old = OldChain.load(old.folder, "eyes")
-    own, seeing = checkpoint.load(old.folder / STUDENTS["eyes"], "student")
-    sizes, weights = listening(seeing_old, direct, contact)
-    seeing |= {"config": asdict(sizes), "audio_model": seeing["audio_model"] | sha}
-    seeing["audio_sha256"] = card["audio_sha256"]
-    _save(places.output / STUDENTS["eyes"], {k: v for k, v in weights.items() if k in own}, seeing)
-    for file in old.folder.glob("eyes.*"):
-        if file.parent != places.output:
-            shutil.copy(file, places.output)
-    zero, about = checkpoint.load(old.folder / "emotion", "emotion")
+    sizes, seeing = listening(seeing_old, direct, contact)
+    changed = {"config": asdict(sizes), "audio_sha256": card["audio_sha256"]}
+    _write_beside(old.folder, places.output, seeing, changed)
+
+
+def write_voice_activity(
+    folder: Path, output: Path, direct: Direct, facts: dict[str, Any], *, whole: bool
+) -> None:
+    """Write the student of `folder` with what hears voices from `direct`, and what extends it; not
+    whole: the student alone. `facts` go into its card."""
+    weights, card = checkpoint.load(folder / STUDENTS["gaze"], "student")
+    changed = checkpoint.arrays(direct.state_dict())
+    weights |= {DIRECT + k: v for k, v in changed.items() if k.startswith(("hear.", "voice."))}
+    _save(output / STUDENTS["gaze"], weights, card | {"voice_activity": facts})
+    if not whole:
+        return
+    seeing, _ = checkpoint.load(folder / STUDENTS["eyes"], "student")
+    _write_beside(folder, output, seeing, {})
+    if folder != output:
+        _copy(folder, output, "audio.*")
+
+
+def _write_beside(folder: Path, output: Path, seeing: Weights, changed: dict[str, Any]) -> None:
+    """Write what extends the student in `output` as `folder` has it: the student for eyes, of which
+    `seeing` are the tensors and `changed` is what is new in its card, eyes and emotions."""
+    sha = {"sha256": checkpoint.load(output / STUDENTS["gaze"], "student")[1]["sha256"]}
+    own, about = checkpoint.load(folder / STUDENTS["eyes"], "student")
+    about |= {"audio_model": about["audio_model"] | sha, **changed}
+    _save(output / STUDENTS["eyes"], {k: v for k, v in seeing.items() if k in own}, about)
+    zero, about = checkpoint.load(folder / "emotion", "emotion")
     zero = {k: v.astype(np.float16) if v.ndim > 1 else v for k, v in zero.items()}
-    about["student_sha256"] = sha["sha256"]
-    checkpoint.save(places.output / "emotion", zero, about)
+    checkpoint.save(output / "emotion", zero, about | {"student_sha256": sha["sha256"]})
+    if folder != output:
+        _copy(folder, output, "eyes.*")
+
+
+def _copy(folder: Path, output: Path, names: str) -> None:
+    for file in folder.glob(names):
+        shutil.copy(file, output)
 
 
 def _save(path: Path, weights: Weights, card: dict[str, Any]) -> None:

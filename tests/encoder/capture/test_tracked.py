@@ -9,6 +9,7 @@ from encoder.capture.motion.rules import frame_times
 from encoder.capture.motion.style import Style
 from encoder.capture.speech import handling
 from encoder.capture.speech.phones import Phone
+from encoder.capture.speech.voice_like import VOICE_LIKE
 from encoder.capture.subjects import tracked
 
 ARKIT = ["jawOpen", "mouthClose", "mouthPucker"]
@@ -93,8 +94,8 @@ def test_sync_knows_lips_that_come_late_or_do_something_else():
     assert not in_sync(noise, SAID, Style())
 
 
-@pytest.mark.parametrize("make", handling.HANDLING)
-def test_handling_is_loud_and_never_the_same(make):
+@pytest.mark.parametrize("make", [*handling.HANDLING, *VOICE_LIKE])
+def test_sounds_that_are_no_voice_are_loud_and_never_the_same(make):
     one, other = (make(24_000, np.random.default_rng(seed)) for seed in (0, 1))
     assert one.shape == (24_000,) and np.isfinite(one).all() and 0.3 < one.std() < 3
     assert not np.array_equal(one, other)

@@ -1,23 +1,21 @@
 """A chain that learns to hear phones: what is trained, who counts in it, what stays."""
 
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from training_material import FACE, pack_of_tones, spoken
+from training_material import FACE, chain_that_hears_no_phones, spoken
 
 from encoder.audio.config import PRESETS as AUDIO
 from encoder.audio.encoder import AudioEncoder
 from encoder.capture.speech.phones import PHONE_INDEX
-from encoder.denoiser.config import MOUTH, PRESETS, ZeroConvConfig
+from encoder.denoiser.config import MOUTH, PRESETS
 from encoder.denoiser.contact import Contact
 from encoder.denoiser.direct import Direct
 from encoder.denoiser.model import Denoiser
-from encoder.denoiser.zero_conv import ZeroConvs
-from encoder.emotion.labels import LABELS
 from encoder.inference import WEIGHTS, load_networks, load_student
 from encoder.nn import checkpoint
 from encoder.training import loop
@@ -199,31 +197,10 @@ def test_moves_of_the_contact_head_cost_more_where_no_closure_is_asked(tmp_path:
         assert found[least] == 0 < found["idle"] + found["effort"]
 
 
-def save(path: Path, module: torch.nn.Module, kind: str, **facts: Any) -> str:
-    config = asdict(module.config)  # type: ignore[arg-type]
-    tensors = facts.pop("tensors", module.state_dict())
-    checkpoint.save(path, tensors, {"kind": kind, "config": config, "steps": 1, "seed": 0, **facts})
-    return str(checkpoint.load(path, kind)[1]["sha256"])
-
-
 @pytest.fixture
 def config(tmp_path: Path) -> listen.ListenConfig:
     """An old chain, a phonetic encoder and a pack."""
-    torch.manual_seed(0)
-    old, out = tmp_path / "old", tmp_path / "out"
-    save(old / "audio", AudioEncoder(AUDIO["debug"]), "audio")
-    sizes = replace(PRESETS["debug"], audio_dim=AUDIO["debug"].frame_width)
-    sha256 = save(old / "student", Denoiser(sizes), "student")
-    seer = Denoiser(replace(sizes, condition="eyes", condition_dim=160))
-    own = {k: v for k, v in seer.state_dict().items() if k.startswith(("input", "null_cond"))}
-    save(old / "student_eyes", seer, "student", tensors=own, audio_model={"sha256": sha256})
-    zero = ZeroConvs(ZeroConvConfig(labels=LABELS, places=sizes.places))
-    save(old / "emotion", zero, "emotion", student_sha256=sha256)
-    pack = pack_of_tones(tmp_path / "pack")
-    phones = replace(AUDIO["phonetic-debug"], past_ticks=2)
-    save(tmp_path / "phones" / "audio", AudioEncoder(phones), "audio")
-    paths = {"pack": pack, "phones": tmp_path / "phones" / "audio", "old": old, "output": out}
-    return settings(tmp_path, **paths, pair=out / "audio")
+    return settings(tmp_path, **chain_that_hears_no_phones(tmp_path))
 
 
 def test_the_whole_chain_hears_phones_and_keeps_its_blocks(config: listen.ListenConfig) -> None:

@@ -1,0 +1,37 @@
+"""`livedrive eval rest`: sounds that are no voice, made or recorded."""
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+
+from app.eval import rest
+from app.eval.rest import RestSettings
+from sensors.types import InputError
+
+
+def test_every_kind_of_sound_is_made_anew(monkeypatch):
+    monkeypatch.setattr(rest, "SECONDS", 1)
+    made = list(rest.made(0))
+    names = [name for name, _ in made]
+    assert set(names) >= {"rub", "friction", "wind", "taps", "buzz", "played"}
+    assert all(names.count(name) == rest.DRAWS for name in names)
+    assert all(x.shape == (48_000,) and x.dtype == np.float32 and x.any() for _, x in made)
+    assert not np.array_equal(made[0][1], made[1][1])
+
+
+@pytest.mark.slow
+def test_recordings_of_one_s_own_are_judged(tmp_path, capsys):
+    """A hum leaves lips at rest; a missed threshold is an exit with status 1."""
+    soundfile.write(tmp_path / "hum.wav", 0.1 * np.sin(np.arange(48_000) * 0.0065), 48_000)
+    report = tmp_path / "r.json"
+    rest.evaluate(RestSettings(sounds=tmp_path, report=report))
+    metrics = json.loads(report.read_text())["metrics"]
+    assert metrics["hum/open_share"] == 0 and 0 < metrics["hum/widest_mm"] < 2
+    assert "hum/open_share" in capsys.readouterr().out
+
+
+def test_a_folder_without_recordings_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"expected \.ogg.*leave --sounds away"):
+        list(rest.sounds(RestSettings(sounds=tmp_path)))
