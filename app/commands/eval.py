@@ -12,7 +12,7 @@ from app.eval.eyes.evaluate import EyesSettings
 from app.eval.head import HeadSettings
 from app.eval.photos import PhotosSettings
 from app.eval.prior import PriorSettings
-from app.eval.rest import RestSettings
+from app.eval.speech.rest import RestSettings
 from app.eval.speech.settings import SpeechSettings
 from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Seed
@@ -144,7 +144,7 @@ class EvalRest:
     settings: OmitArgPrefixes[RestSettings] = field(default_factory=RestSettings)
 
     def run(self) -> None:
-        from app.eval.rest import evaluate
+        from app.eval.speech.rest import evaluate
 
         evaluate(self.settings)
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 import soundfile
 
-from app.eval import rest
-from app.eval.rest import RestSettings
+from app.eval.speech import rest
+from app.eval.speech.rest import RestSettings
 from sensors.types import InputError
 
 

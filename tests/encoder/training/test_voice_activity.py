@@ -13,9 +13,9 @@ from encoder.audio.encoder import AudioEncoder
 from encoder.denoiser.direct import Direct
 from encoder.inference import load_networks, load_student
 from encoder.nn import checkpoint
-from encoder.training import activity, loop
-from encoder.training.activity import HeardFrames
+from encoder.training import loop
 from encoder.training.stages import listen, voice_activity
+from encoder.training.stages.voice_activity import HeardFrames
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -81,9 +81,7 @@ def test_the_student_can_stay_where_it_is(config) -> None:
 
 def test_who_is_left_out_is_not_heard(config, tmp_path, monkeypatch) -> None:
     heard = []
-    monkeypatch.setattr(
-        activity, "stacked", lambda _, sound: heard.append(sound) or sound[..., None]
-    )
+    monkeypatch.setattr(voice_activity, "stacked", lambda _, sound: heard.append(sound))
     with pytest.raises(InputError, match="expected clips of people"):
         voice_activity.run(replace(config, without=("tone",), output=tmp_path / "left"))
     assert not heard
@@ -99,10 +97,12 @@ def test_sounds_are_heard_once_for_each_recipe(tmp_path) -> None:
     pack = pack_of_tones(tmp_path)
     phones = AudioEncoder(replace(AUDIO["phonetic-debug"], past_ticks=2))
     frames = [
-        activity.hear(pack, phones, recipe, without=(), crops=(3, 2), seed=0)
+        voice_activity.hear(pack, phones, recipe, without=(), crops=(3, 2), seed=0)
         for recipe in ("one", "one", "other")
     ]
-    assert frames[0].people.sum() == 3 * 40 and (~frames[0].people).sum() == 2 * activity.FRAMES
+    assert (
+        frames[0].people.sum() == 3 * 40 and (~frames[0].people).sum() == 2 * voice_activity.FRAMES
+    )
     for other in frames[1:]:
         np.testing.assert_array_equal(frames[0].heard, other.heard)
     with np.load(pack / "activity.npz") as data:
