@@ -15,6 +15,7 @@ import numpy as np
 import soundfile
 import soxr
 
+from encoder import stopping
 from encoder.capture.speech.phones import (
     PHONE_INDEX,
     Phone,
@@ -187,7 +188,8 @@ class Espeak:
         data = text.encode()
         # Voices with breath read the C library's rand(), so that sound would depend on history.
         _LIBC.srand(1)
-        self._library.espeak_Synth(data, len(data) + 1, 0, 1, 0, 1, None, None)
+        with stopping.postponed():  # the library swallows what is raised in `_collect`
+            self._library.espeak_Synth(data, len(data) + 1, 0, 1, 0, 1, None, None)
         audio = np.concatenate(self._chunks).astype(np.float32) / 32768
         phones = _espeak_phones(self._events, len(audio), self._rate)
         return _resampled(audio, self._rate, formants, phones)

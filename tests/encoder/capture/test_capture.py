@@ -1,6 +1,8 @@
 """The capture stage: channels, rule-made speech and motion, imports, the data pack."""
 
+import os
 import shutil
+import signal
 from itertools import islice
 
 import numpy as np
@@ -130,6 +132,20 @@ def test_espeak_phones_are_ordered_and_sound():
     assert np.abs(speech.audio).max() > 0.1
     with pytest.raises(InputError, match="voice"):
         Espeak().speak("hello", "xx-nowhere")
+
+
+@needs_espeak
+def test_ctrl_c_amid_espeak_is_raised_and_leaves_no_cut_sentence():
+    """Red before: espeak-ng's callback swallowed it (of a worker: its end), and a sentence without
+    a part of its sound went into a subject that counted as finished."""
+
+    class Halted(Espeak):
+        def _collect(self, wave, count, events) -> int:  # noqa: ANN001 (ctypes pointers)
+            os.kill(os.getpid(), signal.SIGINT)
+            return super()._collect(wave, count, events)
+
+    with pytest.raises(KeyboardInterrupt):
+        Halted().speak("Papa opened a book.", "en-us+f3")
 
 
 def test_envelope_opens_the_jaw_when_it_is_loud():

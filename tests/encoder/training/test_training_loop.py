@@ -2,10 +2,13 @@
 
 import os
 import runpy
+import signal
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -133,6 +136,94 @@ def test_two_processes_take_the_step_of_the_whole_batch(tmp_path, monkeypatch):
     np.testing.assert_allclose(first, alone, atol=1e-6)
     states = {p.name for p in tmp_path.glob("s*.safetensors")}
     assert states == {"s0_False.safetensors", "s0_True.safetensors"}
+
+
+class Halting(nn.Module):
+    """A network with running means; sends Ctrl-C in its forward pass."""
+
+    def __init__(self, at: int) -> None:
+        super().__init__()
+        self.norm, self.layer, self.calls, self.at = nn.BatchNorm1d(3), nn.Linear(3, 1), 0, at
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        y = self.layer(self.norm(x))
+        self.calls += 1
+        if self.calls == self.at:
+            os.kill(os.getpid(), signal.SIGINT)
+        return y
+
+
+def halting(at: int = 0) -> dict[str, nn.Module]:
+    torch.manual_seed(0)
+    return {"net": Halting(at)}
+
+
+def same(modules: dict[str, nn.Module], others: dict[str, nn.Module]) -> bool:
+    one, other = (m["net"].state_dict() for m in (modules, others))
+    return all(torch.equal(one[name], other[name]) for name in one)
+
+
+@pytest.mark.parametrize("place", ["forward", "update"])
+def test_ctrl_c_amid_a_step_leaves_none_of_it(tmp_path, monkeypatch, place):
+    """Red before: running means of the broken step were kept, and Ctrl-C amid an update kept a part
+    of its weights, so that the resumed run took that step twice."""
+    whole, broken, resumed = halting(), halting(3 * (place == "forward")), halting()
+    train(whole, loop.RunSettings(state=tmp_path / "whole"))
+    run = loop.RunSettings(state=tmp_path / "broken")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        if place == "update":
+
+            def halt(optimizer: torch.optim.Optimizer, *_: object) -> None:
+                if optimizer.state[optimizer.param_groups[0]["params"][0]].get("step", 0) == 2:
+                    os.kill(os.getpid(), signal.SIGINT)
+
+            patch.setattr(loop, "adamw", hooked(halt))
+        train(broken, run)
+    train(resumed, replace(run, resume=True))
+    assert same(resumed, whole)
+
+
+def hooked(hook: Callable[..., None]) -> Callable[..., torch.optim.Optimizer]:
+    """`adamw` with this called after each of its updates."""
+    make = loop.adamw
+
+    def made(*words: Any) -> torch.optim.Optimizer:
+        optimizer = make(*words)
+        optimizer.register_step_post_hook(hook)
+        return optimizer
+
+    return made
+
+
+def test_resuming_with_other_settings_says_so(tmp_path):
+    """Red before: another preset ended in a traceback, another seed was noted in the card only."""
+    run = loop.RunSettings(state=tmp_path / "state")
+    train(make(), run)
+    with pytest.raises(InputError, match=r"with --seed 1 .* got one with --seed 0; repeat"):
+        train(make(), replace(run, seed=1, resume=True))
+    with pytest.raises(InputError, match="sizes of this preset"):
+        train({"net": nn.Linear(4, 1)}, replace(run, resume=True))
+    with pytest.raises(InputError, match="sizes of this preset"):
+        train({"other": nn.Linear(3, 1)}, replace(run, resume=True))
+
+
+def test_a_loss_that_is_no_number_ends_the_run_before_it_spoils_the_weights(tmp_path):
+    modules, run = make(), loop.RunSettings(state=tmp_path / "state")
+
+    def step_losses(step: int, rng: np.random.Generator) -> loop.Losses:
+        loss = modules["net"](torch.ones(1, 3)).sum()
+        return {
+            "simple": loss,
+            "odd": loss * (torch.nan if step else 1),
+            "total": loss / (1 - step),
+        }
+
+    with pytest.raises(
+        InputError, match="train test, step 1: expected finite losses, .* for odd, t"
+    ):
+        loop.train("test", modules, step_losses, steps=3, rate=0.1, run=run)
+    kept = load_file(run.file)
+    assert all(bool(tensor.isfinite().all()) for tensor in kept.values())
 
 
 PATHS = {
