@@ -37,7 +37,7 @@ def build(folder: Path, config: "Config", processes: int) -> dict[str, Any]:
     plans = capture.plans(config)
     recipe = {k: str(v) if isinstance(v, Path) else v for k, v in asdict(config).items()}
     folder.mkdir(parents=True, exist_ok=True)
-    _same_recipe(folder, recipe, InputError)
+    _same_recipe(folder, recipe, [folder / plan.name for plan in plans], InputError)
     todo = [plan for plan in plans if dataset.finished(folder / plan.name) is None]
     todo.sort(key=lambda plan: plan.kind == "made")  # real ones take longest: first
     os.environ["OMP_NUM_THREADS"] = "1"
@@ -71,10 +71,18 @@ def children_s() -> float:
     return times.children_user + times.children_system
 
 
-def _same_recipe(folder: Path, recipe: dict[str, Any], error: type[Exception]) -> None:
-    """A folder holds one recipe: raise when it was begun with another one."""
+def _same_recipe(
+    folder: Path, recipe: dict[str, Any], subjects: list[Path], error: type[Exception]
+) -> None:
+    """A folder holds one recipe: raise when it was begun with another one, or when it has none and
+    what stands where a subject goes is not ours to replace."""
     path = folder / "recipe.json"
     text = json.dumps(recipe, indent=1)
+    if not path.is_file() and (taken := [path for path in subjects if path.exists()]):
+        raise error(
+            f"{folder}: expected a new folder or one that capture began, got a {taken[0].name} "
+            "of another; choose another folder"
+        )
     if path.is_file() and path.read_text() != text:
         raise error(
             f"{folder}: expected the settings it was begun with ({path}), got others; "

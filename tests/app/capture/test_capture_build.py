@@ -60,6 +60,16 @@ def test_a_stopped_build_goes_on(made, tmp_path):
         build(folder, Config(subjects=3, hours=0.006, languages=1), 1)
 
 
+def test_what_capture_did_not_make_is_not_replaced(tmp_path):
+    """Red before: it was removed."""
+    notes = tmp_path / "made_0000" / "notes.txt"
+    notes.parent.mkdir()
+    notes.write_text("mine")
+    with pytest.raises(InputError, match="a made_0000 of another; choose another folder"):
+        build(tmp_path, CONFIG, 1)
+    assert notes.read_text() == "mine" and not (tmp_path / "recipe.json").exists()
+
+
 def test_subjects_are_sessions_with_manifest_and_splits(made):
     manifest = dataset.read_manifest(made)
     # two who speak English, and one of other languages for each side of the split
