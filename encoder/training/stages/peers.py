@@ -35,7 +35,7 @@ class PeersConfig:
     rate: float = 1e-3
 
 
-preset = Presets(PeersConfig, {"debug": {"steps": 2, "batch": 2, "frames": 12}, "default": {}})
+preset = Presets(PeersConfig, {"debug": {"steps": 2, "batch": 2, "frames": 24}, "default": {}})
 SIZES: dict[str, dict[str, int]] = {
     "debug": {"dim": 16, "ff_dim": 32, "heads": 2, "ears": 1, "layers": 2, "num_steps": 20},
     "default": {},
