@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.eval.emotion.settings import FINE_TUNED, RULES, SHIPPED, EmotionSettings
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -155,4 +156,10 @@ class EmotionEvaluation:
 def load_model(student: Path, emotion: Path) -> Model:
     from encoder.training.checkpoints import load_denoiser, load_zero_convs
 
-    return Model(load_denoiser(student, "student")[0], load_zero_convs(emotion)[0])
+    model, zero = load_denoiser(student, "student")[0], load_zero_convs(emotion)[0]
+    if zero.config.places != model.config.places:
+        raise InputError(
+            f"checkpoint {emotion}: expected convolutions for {student}, got those of another "
+            f"student; run livedrive train emotion --start {student.parent}"
+        )
+    return Model(model, zero)

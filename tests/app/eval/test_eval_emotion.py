@@ -1,5 +1,6 @@
 """`livedrive eval emotion`: thresholds and tables of known metrics, pictures of a confusion."""
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,13 @@ from PIL import Image
 
 from app.eval.emotion import pictures as emotion_pictures
 from app.eval.emotion.evaluate import make_thresholds, show
-from app.eval.emotion.metrics import Confusion
+from app.eval.emotion.metrics import Confusion, load_model
+from encoder.denoiser.config import DenoiserConfig
+from encoder.denoiser.model import Denoiser
 from encoder.emotion.labels import LABELS
+from encoder.inference import WEIGHTS
+from encoder.nn import checkpoint
+from sensors.types import InputError
 
 OURS = {
     "accuracy_face": 0.9,
@@ -38,6 +44,15 @@ METRICS = {
     "switching_jump_over_steady": 1.1,
     "emotion_cpu_ms_a_tick": 0.1,
 }
+
+
+def test_convolutions_of_a_student_of_other_sizes_are_named(tmp_path: Path) -> None:
+    """Red before: a traceback of torch. `train emotion --out W` extends the shipped student."""
+    config = DenoiserConfig(layers=1, dim=32, heads=2, ff_dim=64)
+    student = {"kind": "student", "config": asdict(config)}
+    checkpoint.save(tmp_path / "student", Denoiser(config).state_dict(), student)
+    with pytest.raises(InputError, match=r"of another student; run .* --start"):
+        load_model(tmp_path / "student", WEIGHTS / "emotion")
 
 
 def test_bars_hold_the_issue_s_limits() -> None:
