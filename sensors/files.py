@@ -120,6 +120,22 @@ def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]
     return found
 
 
+@contextmanager
+def arrays(path: Path, cure: str) -> Generator[Any]:
+    """An npz file of our own, however large, whose arrays are read one by one.
+
+    Raises InputError with the cure where it is damaged or lacks an array.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as data:
+            yield data
+    except InputError:
+        raise
+    except (zipfile.BadZipFile, EOFError, zlib.error, ValueError, KeyError) as error:
+        said = " ".join(str(error).split())
+        raise InputError(f"{path}: expected a whole npz file, got {said}; {cure}") from error
+
+
 def create(path: Path, *, private: bool = False) -> Path:
     """A new empty file in the place of an older one, to be filled as long as it takes.
 
@@ -166,7 +182,9 @@ def replacing(path: Path, *, private: bool = False, durable: bool = True) -> Gen
         draft.unlink(missing_ok=True)
 
 
-def write_bytes(path: Path, data: bytes, *, private: bool = False, durable: bool = True) -> None:
+def write_bytes(
+    path: Path, data: bytes | memoryview, *, private: bool = False, durable: bool = True
+) -> None:
     """The whole file or, after a kill or on a full disk, the one that was there."""
     with replacing(path, private=private, durable=durable) as draft:
         draft.write_bytes(data)

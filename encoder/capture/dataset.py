@@ -8,6 +8,7 @@ the rate of the compact encoder. Sound is mapped from disk, never loaded: memory
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -92,10 +93,13 @@ def write_shard(path: Path, clips: list[Clip], **subject: Any) -> dict[str, Any]
     The entry is also kept in the folder, written last: a folder without it is unfinished.
     """
     path.mkdir(parents=True, exist_ok=True)
-    np.save(files.create(path / "audio_24k.npy"), np.concatenate([c.audio for c in clips]))
+    sound = BytesIO()  # numpy's own writing of an array tells neither a full disk nor the file
+    np.save(sound, np.concatenate([c.audio for c in clips]))
+    files.write_bytes(path / "audio_24k.npy", sound.getbuffer())
     arrays: dict[str, Any] = {n: np.concatenate([getattr(c, n) for c in clips]) for n in _CURVES}
     arrays["spans"] = np.concatenate([c.spans for c in clips])
-    np.savez_compressed(files.create(path / "motion.npz"), **arrays)
+    with files.replacing(path / "motion.npz") as draft:
+        np.savez_compressed(draft, **arrays)
     rows = [
         {"frames": c.num_frames, "phones": len(c.spans)} | {n: getattr(c, n) for n in _LABELS}
         for c in clips
@@ -109,7 +113,18 @@ def write_shard(path: Path, clips: list[Clip], **subject: Any) -> dict[str, Any]
 def finished(path: Path) -> dict[str, Any] | None:
     """The entry of a finished subject's folder, else None."""
     card = path / "subject.json"
-    return json.loads(card.read_text()) if card.is_file() else None
+    return _json(card, f"remove {path}, and {_again(path)}") if card.is_file() else None
+
+
+def _json(path: Path, cure: str) -> dict[str, Any]:
+    try:
+        return files.read_json(path)
+    except ValueError as error:
+        raise InputError(f"{path}: expected JSON, got {error}; {cure}") from error
+
+
+def _again(subject: Path) -> str:
+    return f"run livedrive capture {subject.parent} again, it goes on where it stopped"
 
 
 def write_manifest(
@@ -154,7 +169,7 @@ def read_manifest(folder: Path) -> dict[str, Any]:
             f"data pack {folder}: expected a manifest.json, found none; "
             f"make one with livedrive capture {folder}"
         )
-    manifest = json.loads(path.read_text())
+    manifest = _json(path, f"run livedrive capture {folder} again, which writes it anew")
     if manifest.get("version") != FORMAT_VERSION or manifest.get("rig_names") != list(RIG_NAMES):
         raise InputError(
             f"data pack {folder}: expected format {FORMAT_VERSION} with {len(RIG_NAMES)} rig "
@@ -174,14 +189,23 @@ def read_shard(path: Path, split: str | None = None) -> Iterator[Clip]:
     entry = finished(path)
     if entry is None:
         raise InputError(
-            f"subject {path}: expected a finished subject.json, found none; "
-            f"run livedrive capture {path.parent} again, it goes on where it stopped"
+            f"subject {path}: expected a finished subject.json, found none; {_again(path)}"
         )
     if split is not None and not any(row["split"] == split for row in entry["clips"]):
         return
-    audio = np.load(path / "audio_24k.npy", mmap_mode="r", allow_pickle=False)
-    with np.load(path / "motion.npz", allow_pickle=False) as data:
+    frames = sum(row["frames"] for row in entry["clips"])
+    cure = f"remove {path}, and {_again(path)}"
+    try:
+        audio = np.load(path / "audio_24k.npy", mmap_mode="r", allow_pickle=False)
+    except (EOFError, ValueError) as error:
+        raise InputError(f"subject {path}: expected its sound, got {error}; {cure}") from error
+    with files.arrays(path / "motion.npz", cure) as data:
         arrays = {name: data[name] for name in (*_CURVES, "spans")}
+    if len(audio) != frames * PACK_SAMPLES_PER_FRAME or len(arrays["rig"]) != frames:
+        raise InputError(
+            f"subject {path}: expected {frames} frames of sound and motion, got "
+            f"{len(audio) / PACK_SAMPLES_PER_FRAME:g} and {len(arrays['rig'])}; {cure}"
+        )
     start = first_span = 0
     for row in entry["clips"]:
         frames = slice(start, start + row["frames"])

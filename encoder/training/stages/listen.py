@@ -49,6 +49,8 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     old = chain.OldChain.load(config.old)
     if config.without:  # what the student is to hear with must be there before it is trained
         checkpoint.load(config.pair, "audio")
+    else:
+        old.check_whole()
     if old.knows(config.without):
         config = replace(config, share=0.0)  # they would tell whom they have seen
     phones = load_encoder(config.phones)
@@ -66,7 +68,8 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
             rules=rules, rest=config.rest,
         )
         for part, rules in (
-            (frames, config.rules), (frames.followed_by(among), config.voice_rules)
+            (frames, config.rules),
+            (frames.followed_by(among) if among else frames, config.voice_rules),
         )
     )  # fmt: skip
     torch.manual_seed(config.run.seed)  # of the first weights, whoever heard the pack

@@ -23,7 +23,14 @@ from encoder.training.checkpoints import load_encoder
 from encoder.training.clips import grouped, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop
-from encoder.training.streams.streams import AHEAD, GAZE_SCALE, StreamSource, made_from
+from encoder.training.streams.streams import (
+    AHEAD,
+    GAZE_SCALE,
+    REMOVE,
+    StreamSource,
+    made_from,
+)
+from sensors import files
 
 ACTED_STRENGTH = 0.9  # the mean of the takes' own, which the pack does not keep
 # Mean share of the strength that the layer shows, as it swells and ebbs. Intensity 1 is the whole
@@ -115,10 +122,10 @@ def run(config: EmotionStreamConfig, lips: LipGeometry) -> Path:
     features, rig, gaze, mixture = (np.stack(arrays) for arrays in zip(*rows, strict=True))
     config.output.parent.mkdir(parents=True, exist_ok=True)
     about = json.dumps({"sources": read_manifest(config.pack)["sources"], **made_from(config)})
-    np.savez(
-        config.output, features=features, rig=rig, gaze=gaze, mixture=mixture,
-        about=np.array(about),
-    )  # fmt: skip
+    with files.replacing(config.output) as draft:
+        np.savez(
+            draft, features=features, rig=rig, gaze=gaze, mixture=mixture, about=np.array(about)
+        )
     return config.output
 
 
@@ -134,7 +141,7 @@ class EmotionStreams:
 
     @staticmethod
     def load(path: Path) -> "EmotionStreams":
-        with np.load(path, allow_pickle=False) as data:
+        with files.arrays(path, REMOVE) as data:
             about = json.loads(str(data["about"]))
             return EmotionStreams(
                 data["features"], data["rig"], data["gaze"], data["mixture"], about

@@ -16,6 +16,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from encoder.eyes.format import ABOVE, BRIGHT, MIN_SPREAD, MOST, RIG, SIDE
+from sensors import files
 from sensors.types import InputError
 
 ARRAYS = ("pictures", "gaze", "lids", "rig", "subject")
@@ -41,7 +42,7 @@ class EyePictures:
         if not paths:
             raise InputError(
                 f"eye pictures {folder}: expected files eyes_*.npz, got none; "
-                f"run `livedrive capture {folder} --eye-pairs 40000`"
+                f"run `livedrive capture {folder} --eyes 40000`"
             )
         rows = read_shards(paths, ARRAYS)
         if rows["pictures"].shape[1:] != (2, SIDE, SIDE):
@@ -71,7 +72,7 @@ def read_shards(paths: Sequence[Path], names: Sequence[str]) -> dict[str, np.nda
     """
     parts: list[dict[str, np.ndarray]] = []
     for path in paths:
-        with np.load(path, allow_pickle=False) as data:
+        with files.arrays(path, "remove it and capture again") as data:
             if missing := [name for name in names if name not in data]:
                 raise InputError(
                     f"eye pictures {path}: expected {', '.join(names)}, got none of "
@@ -96,10 +97,11 @@ def save_pairs(
     subject: np.ndarray,  # [n]
 ) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    np.savez(
-        path, pictures=pictures, gaze=gaze.astype(np.float32), lids=lids.astype(np.float16),
-        rig=rig.astype(np.float16), subject=subject.astype(np.int32),
-    )  # fmt: skip
+    with files.replacing(path) as draft:
+        np.savez(
+            draft, pictures=pictures, gaze=gaze.astype(np.float32), lids=lids.astype(np.float16),
+            rig=rig.astype(np.float16), subject=subject.astype(np.int32),
+        )  # fmt: skip
 
 
 def _spread(count: int, low: float, high: float) -> Tensor:  # [B, 1, 1]

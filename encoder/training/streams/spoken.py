@@ -6,6 +6,7 @@ same sound, and many kinds of sounds without a voice. Kept in the pack for reuse
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -27,7 +28,9 @@ from encoder.training.streams.augment import (
     crop,
     not_speech,
 )
-from encoder.training.streams.streams import AHEAD, check_left_out, warped
+from encoder.training.streams.streams import AHEAD, REMOVE, check_left_out, warped
+from sensors import files
+from sensors.types import InputError
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
@@ -102,24 +105,26 @@ def hear_pack(
 ) -> SpokenFrames:
     """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
     recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, syllables, near"
-    return _heard(pack / "spoken.npz", recipe, _parts(pack, seed, versions, noises), ears)
+    heard = _heard(pack / "spoken.npz", recipe, _parts(pack, seed, versions, noises), ears)
+    assert heard is not None  # noises at least
+    return heard
 
 
-def hear_among(pack: Path, ears: Ears, recipe: str, *, seed: int) -> SpokenFrames:
-    """Further versions of tracked clips, in all of which other people talk: what hears voices
-    learns from them who is near. Kept as those of `hear_pack`."""
+def hear_among(pack: Path, ears: Ears, recipe: str, *, seed: int) -> SpokenFrames | None:
+    """Further versions of tracked clips, if there are any, in all of which other people talk: what
+    hears voices learns from them who is near. Kept as those of `hear_pack`."""
     return _heard(pack / "among.npz", f"{recipe} {seed} among", _among_parts(pack, seed), ears)
 
 
 Part = tuple[Crop, str, np.random.Generator, bool]  # whose it is, whether it is plain
 
 
-def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> SpokenFrames:
+def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> SpokenFrames | None:
     names = tuple(SpokenFrames.__dataclass_fields__)
-    if path.is_file():
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["recipe"]) == recipe:
-                return SpokenFrames(*(data[name] for name in names))
+    none_whole = suppress(FileNotFoundError, InputError)  # then it is made anew
+    with none_whole, files.arrays(path, REMOVE) as data:
+        if str(data["recipe"]) == recipe:
+            return SpokenFrames(*(data[name] for name in names))
     rows = []
     for part, voice, rng, plain in tqdm(parts, "clips", mininterval=2):
         torch.manual_seed(int(rng.integers(1 << 62)))
@@ -129,8 +134,11 @@ def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> Spoken
             part.phones.astype(np.int8), np.full(len(heard), voice), np.array([len(heard)]),
             np.full(len(heard), plain),
         ])  # fmt: skip
+    if not rows:
+        return None
     spoken = SpokenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-    np.savez(path, recipe=np.array(recipe), **vars(spoken))
+    with files.replacing(path) as draft:
+        np.savez(draft, recipe=np.array(recipe), **vars(spoken))
     return spoken
 
 

@@ -23,6 +23,7 @@ from encoder.training.checkpoints import load_encoder
 from encoder.training.clips import grouped, pick, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop, not_speech
+from sensors import files
 from sensors.types import InputError
 
 
@@ -81,6 +82,7 @@ def draw_stream(
     return sound, upper, gaze.reshape(-1, 6), voices[: config.stream_frames]
 
 
+REMOVE = "remove it, and train again: it is made anew"
 WARPS = (0.85, 1.17)  # of the vocal tract's length, as heard
 WARPED = 0.6  # share of streams
 
@@ -121,7 +123,8 @@ def run(config: StreamConfig) -> Path:
     config.output.parent.mkdir(parents=True, exist_ok=True)
     about = {"sources": read_manifest(config.pack)["sources"], "voices": names}
     words = np.array(json.dumps(about | made_from(config)))
-    np.savez(config.output, features=features, rig=rig, gaze=gaze, voices=voices, about=words)
+    with files.replacing(config.output) as draft:
+        np.savez(draft, features=features, rig=rig, gaze=gaze, voices=voices, about=words)
     return config.output
 
 
@@ -145,11 +148,14 @@ def made_from(config: StreamOrigin) -> dict[str, Any]:
 
 
 def are_made(config: StreamOrigin) -> bool:
-    """Whether the output already holds the streams of this config."""
+    """Whether the output already holds the streams of this config, whole."""
     if not config.output.is_file():
         return False
-    with np.load(config.output, allow_pickle=False) as data:
-        about = json.loads(str(data["about"])) if "about" in data else {}
+    try:
+        with files.arrays(config.output, REMOVE) as data:
+            about = json.loads(str(data["about"])) if "about" in data else {}
+    except InputError:
+        return False
     return made_from(config).items() <= about.items()
 
 
@@ -176,7 +182,7 @@ class Streams:
     @staticmethod
     def load(path: Path, face: TrainingFace, without: tuple[str, ...] = ()) -> "Streams":
         """`without`: talkers whose tracked motion stays unseen and unheard."""
-        with np.load(path, allow_pickle=False) as data:
+        with files.arrays(path, REMOVE) as data:
             rig = data["rig"].astype(np.float32)
             codes = face.rig_to_code(rig).astype(np.float32)
             rest = rig[..., list(SPEECH_COLUMNS)].max(-1) < 0.01

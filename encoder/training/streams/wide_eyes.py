@@ -20,6 +20,7 @@ from encoder.eyes.format import SIDE
 from encoder.training.streams import camera_windows as cameras
 from encoder.training.streams.eye_pictures import no_eyes, read_shards, standard
 from encoder.training.streams.strange_light import strange
+from sensors import files
 from sensors.types import InputError
 
 FINDER_SIDE = SIDE // 2
@@ -54,7 +55,7 @@ class WidePictures:
                 f"{int(none.is_file())}; run `livedrive capture {folder} --wide-eyes 12000`"
             )
         rows = read_shards(paths, names)
-        with np.load(none, allow_pickle=False) as data:
+        with files.arrays(none, "remove it and capture again") as data:
             return WidePictures(**rows, no_eyes=data["pictures"])
 
     def chosen(self, kind: str) -> NDArray[np.int64]:

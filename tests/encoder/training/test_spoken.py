@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from training_material import FACE, spoken
 
+from encoder.capture import dataset
 from encoder.capture.dataset import PACK_RATE, make_clip
 from encoder.capture.motion.channels import RIG_NAMES
 from encoder.training.mouth import Mouth
@@ -16,7 +17,7 @@ from encoder.training.streams.pieces import (
     phone_weights,
     voice_weights,
 )
-from encoder.training.streams.spoken import REST, RULES, TRACKED_DB
+from encoder.training.streams.spoken import REST, RULES, TRACKED_DB, hear_among, hear_pack
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -197,3 +198,34 @@ def test_every_fifth_sound_without_a_voice_is_of_clicks(monkeypatch) -> None:
     monkeypatch.setattr(stream, "not_speech", silent_but_for_clicks)
     rest = [part.audio[0] for part, voice, _, _ in parts(monkeypatch, 10) if voice == REST]
     assert len(rest) == 10 and sum(rest) == 2
+
+
+class Deaf:
+    """Ears that hear nothing; the number of what they were asked to hear."""
+
+    asked = 0
+
+    def hear(self, audio: np.ndarray, *_: object) -> tuple[np.ndarray, np.ndarray]:
+        self.asked += 1
+        frames = len(audio) // (PACK_RATE // 30)
+        return np.zeros((frames, 4)), np.zeros((frames, 256))
+
+
+def test_a_pack_without_tracked_talkers_is_heard_and_what_was_cut_is_heard_anew(tmp_path):
+    """Red before: TypeErrors of what had no rows, tracebacks of a file that a full disk had cut."""
+    clip = make_clip(
+        np.zeros(1600 * 40), np.zeros((40, len(RIG_NAMES))), np.zeros((40, 2, 3)), np.zeros(40),
+        truth="rest", voice="none",
+    )  # fmt: skip
+    shard = dataset.write_shard(tmp_path / "one", [clip])
+    dataset.write_manifest(tmp_path, [shard], {})
+    ears, more = Deaf(), {"seed": 0, "versions": 1, "noises": 1}
+    assert hear_among(tmp_path, ears, "recipe", seed=0) is None  # type: ignore[arg-type]
+    first = hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
+    assert len(first.lengths) == ears.asked == 2
+    made = tmp_path / "spoken.npz"
+    made.write_bytes(made.read_bytes()[:900])
+    again = hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
+    assert ears.asked == 4 and np.array_equal(again.rig, first.rig)
+    hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
+    assert ears.asked == 4
