@@ -35,7 +35,7 @@ def run_emotion_stage(
         pack=settings.data,
         audio=start / "audio",
         output=settings.data / "emotion_streams.npz",
-        minutes=settings.stream_minutes or emotion_streams.EmotionStreamConfig.minutes,
+        minutes=settings.minutes(emotion_streams.EmotionStreamConfig.minutes),
         seed=settings.seed,
     )
     if not streams.are_made(made):

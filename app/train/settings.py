@@ -14,6 +14,7 @@ Variant = Literal[
     "fine-tune", "fine-tune-lip", "no-lip",
 ]  # fmt: skip
 Preset = Literal["debug", "default", "paper"]
+DEBUG_MINUTES = 2.0  # of sound, where `debug` is to take seconds
 Baseline = Literal["talkshow", "audio2photoreal", "diffposetalk"]
 
 
@@ -38,3 +39,9 @@ class TrainSettings:
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = "float32"
     compile: bool = False
+
+    def minutes(self, usual: float) -> float:
+        """Of sound that a stage learns from, `usual` being its default."""
+        if self.stream_minutes is not None:
+            return self.stream_minutes
+        return DEBUG_MINUTES if self.preset == "debug" else usual

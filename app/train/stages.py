@@ -197,7 +197,7 @@ def _streams(settings: TrainSettings, folder: Path) -> Path:
         pack=settings.data,
         audio=_audio(settings, folder),
         output=(folder if settings.variant in OWN_AUDIO else settings.data) / "streams.npz",
-        minutes=settings.stream_minutes or streams.StreamConfig.minutes,
+        minutes=settings.minutes(streams.StreamConfig.minutes),
         seed=settings.seed,
     )
     ranks = parallel.join(settings.device)

@@ -38,6 +38,7 @@ STAGES = {  # kind of a checkpoint -> the stage of `livedrive train` that makes 
     "emotion": "emotion",
     "peer": "peers",
 }
+NAMED = {"student_eyes": "multimodal", "regression": "regression"}  # files of another stage
 Config = TypeVar("Config")
 
 
@@ -171,7 +172,8 @@ def check_shapes(
 
 
 def _error(path: Path, expected: str, got: object, kind: str) -> InputError:
-    remedy = f"restore the file or run `livedrive train {STAGES[kind]}`"
+    stage = NAMED.get(path.name, STAGES[kind])
+    remedy = f"restore the file or run `livedrive train {stage}`"
     return InputError(f"checkpoint {path}: expected {expected}, got {got}; {remedy}")
 
 

@@ -46,6 +46,12 @@ class OldChain:
         encoder.second, encoder.config = None, replace(encoder.config, second=None)
         return OldChain(folder, sizes, plain, card, encoder)
 
+    def check_whole(self) -> None:
+        """Raise InputError unless what extends the student, and is written with it, is there: the
+        student that sees and the emotions."""
+        load_student(self.folder, "eyes")
+        checkpoint.load(self.folder / "emotion", "emotion")
+
     @property
     def blocks(self) -> str:
         """The sha256 of the student whose blocks these are."""

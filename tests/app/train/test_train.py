@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ import torch
 from app.commands.train import Train
 from app.face.losses import face
 from app.face.mesh import face_mesh
+from app.train.settings import DEBUG_MINUTES, TrainSettings
 from app.train.stages import VARIANTS
 from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_INDEX, RIG_NAMES
@@ -92,6 +94,28 @@ def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):
 def test_starting_from_other_shapes_is_an_error(data):
     with pytest.raises(InputError, match="--start"):
         train(data, "diffusion", start=data, preset="default", steps=1)
+
+
+def test_listen_refuses_half_a_chain_before_it_trains(data, tmp_path):
+    """Red before: after the training, with half of the new chain written."""
+    with pytest.raises(InputError, match="student_eyes: .* `livedrive train multimodal`"):
+        train(data, "listen", start=data / "weights", phones=data / "weights", out=tmp_path)
+    assert not list(tmp_path.iterdir()) and not (data / "spoken.npz").exists()
+
+
+def test_debug_hears_little_where_nothing_else_is_asked():
+    """Red before: 500 minutes of streams, which took more of them, and 8 GB."""
+    debug, default = (TrainSettings(stage="diffusion", preset=p) for p in ("debug", "default"))
+    assert (debug.minutes(500), default.minutes(500)) == (DEBUG_MINUTES, 500)
+    assert replace(debug, stream_minutes=7).minutes(500) == 7
+
+
+def test_streams_that_are_cut_are_made_anew(data):
+    """Red before: a traceback, after a full disk or a kill, until somebody removed the file."""
+    made = data / "streams.npz"
+    made.write_bytes(made.read_bytes()[:2000])
+    train(data, "regression")
+    assert card(data / "regression")["steps"] == 2 and made.stat().st_size > 2000
 
 
 def test_the_losses_see_the_decoder(data):
