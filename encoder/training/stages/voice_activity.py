@@ -6,6 +6,7 @@ that hear voices are trained.
 """
 
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -31,6 +32,8 @@ from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale
 from encoder.training.streams.augment import NOT_SPEECH, Crowd, crop, not_speech
+from encoder.training.streams.streams import REMOVE
+from sensors import files
 from sensors.types import InputError
 
 FRAMES = 300  # of a crop
@@ -84,6 +87,8 @@ def run(config: VoiceActivityConfig) -> dict[str, float]:
         )
     direct = fill(Denoiser(sizes), weights, path, "student").direct
     assert isinstance(direct, Direct)
+    if not config.without:
+        chain.OldChain.load(config.chain).check_whole()
     frames = hear(
         config.pack, phones, checkpoint.load(config.audio, "audio")[1]["sha256"],
         without=config.without, crops=(config.people, config.sounds), seed=config.run.seed,
@@ -106,10 +111,10 @@ def hear(
     """Frames of a pack, from its cache if that was made alike."""
     path = pack / "activity.npz"
     recipe = f"{recipe} {' '.join(without)} {crops} {seed}"
-    if path.is_file():
-        with np.load(path, allow_pickle=False) as data:
-            if str(data["recipe"]) == recipe:
-                return HeardFrames(data["heard"], data["people"])
+    none_whole = suppress(FileNotFoundError, InputError)  # then it is made anew
+    with none_whole, files.arrays(path, REMOVE) as data:
+        if str(data["recipe"]) == recipe:
+            return HeardFrames(data["heard"], data["people"])
     rows, people = list[np.ndarray](), list[np.ndarray]()
     parts = _parts(pack, without, crops, seed)
     for sound, talks in tqdm(parts, "sounds", sum(crops), mininterval=2):
@@ -117,7 +122,8 @@ def hear(
             rows.append(stacked(phones, torch.from_numpy(sound)[None])[0].numpy())
         people.append(np.full(len(rows[-1]), talks))
     frames = HeardFrames(np.concatenate(rows).astype(np.float16), np.concatenate(people))
-    np.savez(path, recipe=np.array(recipe), **vars(frames))
+    with files.replacing(path) as draft:
+        np.savez(draft, recipe=np.array(recipe), **vars(frames))
     return frames
 
 
