@@ -3,6 +3,8 @@
 The sounds are made here, from seeds that no training draws; or they are recordings of one's own.
 """
 
+# pyright: reportMissingTypeStubs=false
+
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 

@@ -39,7 +39,7 @@ from sensors.types import InputError
 FRAMES = 300  # of a crop
 PLAIN = 0.5  # share of the clips that are heard as they are
 OTHERS_DB = (6, 26)  # that other voices are below a talker
-KINDS = (*NOT_SPEECH, wind, wind, *VOICE_LIKE, *VOICE_LIKE)
+KINDS = (*NOT_SPEECH, *[wind] * 6, *VOICE_LIKE, *VOICE_LIKE)
 AT_ONCE = 20_000  # frames
 
 
@@ -60,13 +60,12 @@ class VoiceActivityConfig:
     run: loop.RunSettings
     without: tuple[str, ...] = ()  # talkers who are not heard
     people: int = 1200  # crops of 10 s
-    sounds: int = 1200  # the same without a voice
+    sounds: int = 1800  # the same without a voice
     steps: int = 1500
     batch: int = 1500  # frames of each
     rate: float = 1e-3
     drop: float = 0.1  # dropout: share of what is heard that is left out in a step
-    # of sounds without a voice; with 1, half as many are taken for one, and speech as often lost
-    sounds_weight: float = 0.3
+    sounds_weight: float = 1.0
 
 
 preset = Presets(
