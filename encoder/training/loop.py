@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from encoder import stopping
 from encoder.training import parallel
-from encoder.training.state import Curve, Losses, State, opened
+from encoder.training.state import Curve, Losses, RunState, opened
 from sensors.types import InputError
 
 SAVE_SECONDS = 60.0
@@ -108,7 +108,7 @@ def train(
     """
     ranks = parallel.join(run.device)
     optimizer = adamw(modules, rate)
-    state = State(modules, optimizer, run)
+    state = RunState(modules, optimizer, run)
     if run.resume:
         state.load(run.file)
     device_type = torch.device(run.device).type

@@ -51,7 +51,7 @@ class Average:
             parameter.copy_(value)
 
 
-class State:
+class RunState:
     """State of a run at a step, saved to and loaded from its file."""
 
     def __init__(
