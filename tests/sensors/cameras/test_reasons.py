@@ -10,9 +10,6 @@ from sensors.cameras.spec import cameras
 from sensors.clock import MonotonicClock
 from sensors.picture import CameraLostError
 
-with socket.create_server(("127.0.0.1", 0)) as free:
-    CLOSED = free.getsockname()[1]
-
 
 @pytest.mark.parametrize(
     ("spec", "told"),
@@ -20,7 +17,7 @@ with socket.create_server(("127.0.0.1", 0)) as free:
         ("uvc:97", "it is not there; see: livedrive devices"),
         ("serial:/dev/none", "it is not there; see: livedrive devices"),
         (
-            f"http://127.0.0.1:{CLOSED}/",
+            "http://127.0.0.1:{port}/",
             "nothing answers at that port; see: livedrive devices --network",
         ),
         (
@@ -31,7 +28,9 @@ with socket.create_server(("127.0.0.1", 0)) as free:
 )
 def test_a_missing_camera_is_told_in_plain_words(spec: str, told: str) -> None:
     """Red before: "[Errno 2] could not open port /dev/none: [Errno 2] No such file or ..."."""
-    (camera,) = cameras([spec], MonotonicClock())
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]  # closed from here on
+    (camera,) = cameras([spec.replace("{port}", str(port))], MonotonicClock())
     with pytest.raises(CameraLostError) as error:
         camera._connect()  # noqa: SLF001
     assert str(error.value) == told
