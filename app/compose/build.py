@@ -61,9 +61,7 @@ def build(
     page: "WebSink | None" = None,  # already open; else the settings open one
     xr: "XrSink | None" = None,  # the same
     seats: "Seats | None" = None,  # of a call: partners are drawn too
-    places: Sequence[
-        ControlPlace
-    ] = (),  # where controls are changed, beside window, page and --listen
+    places: Sequence[ControlPlace] = (),  # of controls, beside window, page and --listen
 ) -> Drive:
     """All parts of a run; sinks and source are opened by `drive`."""
     from app.sinks.table import Outlet, open_all

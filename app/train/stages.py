@@ -34,7 +34,6 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
 }
 OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own
 LEAVING_OUT = ("diffusion", "distill", "listen", "voice-activity", "contact")
-
 EXTENDING = ("emotion", "contact", "listen", "voice-activity")  # --start is what they extend
 
 

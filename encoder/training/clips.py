@@ -1,6 +1,8 @@
 """The clips of a data pack, and their features from the frozen audio encoder."""
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any, TypeVar
 
 import numpy as np
 from torch import Tensor
@@ -8,6 +10,11 @@ from torch import Tensor
 from encoder.audio.alignment import stack_of
 from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import Clip, read_pack
+from sensors import files
+from sensors.types import InputError
+
+REMOVE = "remove it, and train again: it is made anew"
+Frames = TypeVar("Frames")
 
 
 def grouped(pack: Path, split: str) -> dict[str, list[Clip]]:
@@ -32,3 +39,17 @@ def pick(clips: list[Clip], truth: str, rng: np.random.Generator) -> Clip:
 def stacked(encoder: AudioEncoder, audio: Tensor) -> Tensor:
     """Sound [B, 800 T] at 24 kHz -> audio features [B, T, A] of each frame."""
     return stack_of(encoder.config)(encoder(audio[..., None]))
+
+
+def kept(path: Path, recipe: str, kind: type[Frames]) -> Frames | None:
+    """What `keep` wrote there, where that is whole and of this recipe; `kind` is its dataclass."""
+    with suppress(FileNotFoundError, InputError), files.arrays(path, REMOVE) as data:
+        if str(data["recipe"]) == recipe:
+            return kind(**{name: data[name] for name in kind.__annotations__})
+    return None
+
+
+def keep(path: Path, recipe: str, frames: Any) -> None:
+    """Write the arrays of a dataclass, and what they were made by."""
+    with files.replacing(path) as draft:
+        np.savez(draft, recipe=np.array(recipe), **vars(frames))

@@ -64,6 +64,22 @@ def crackle(count: int, per_second: float, rng: np.random.Generator) -> np.ndarr
     return np.convolve(sound, kernel)[:count]
 
 
+def resonating(
+    sound: np.ndarray,  # [n]
+    beside: float,  # what is left far from all resonances
+    highest: float,  # log10 of Hz
+    widths: tuple[float, float],  # over their frequency
+    rng: np.random.Generator,
+) -> np.ndarray:
+    """[n] through one to four resonances."""
+    spectrum, hz = np.fft.rfft(sound), np.fft.rfftfreq(len(sound), 1 / RATE)
+    shape = np.full(len(hz), beside)
+    for _ in range(int(rng.integers(1, 5))):
+        centre, width = 10 ** rng.uniform(2.2, highest), rng.uniform(*widths)
+        shape += rng.uniform(0.2, 1) / (1 + ((hz - centre) / (width * centre)) ** 2)
+    return np.fft.irfft(spectrum * shape, len(sound))
+
+
 def rub(count: int, rng: np.random.Generator) -> np.ndarray:
     """[n] a hand or cloth over the microphone."""
     speed = _strokes(count, rng.uniform(0.8, 7), rng)
@@ -85,12 +101,7 @@ def friction(count: int, rng: np.random.Generator) -> np.ndarray:
     phase = np.cumsum(rate_hz) / RATE
     slip = np.where(np.mod(phase, 1) < rng.uniform(0.05, 0.5), 1.0, 0.0)
     slip = np.diff(slip, prepend=0) + rng.uniform(0.1, 1.5) * rng.standard_normal(count)
-    spectrum, hz = np.fft.rfft(speed * slip), np.fft.rfftfreq(count, 1 / RATE)
-    shape = np.full(len(hz), 0.05)
-    for _ in range(int(rng.integers(1, 5))):
-        centre, width = 10 ** rng.uniform(2.2, 3.8), rng.uniform(0.05, 0.6)
-        shape += rng.uniform(0.2, 1) / (1 + ((hz - centre) / (width * centre)) ** 2)
-    return unit(np.fft.irfft(spectrum * shape, count))
+    return unit(resonating(speed * slip, 0.05, 3.8, (0.05, 0.6), rng))
 
 
 def wind(count: int, rng: np.random.Generator) -> np.ndarray:

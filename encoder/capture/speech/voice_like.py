@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from encoder.capture.speech.handling import RATE, coloured, crackle, unit, wander
+from encoder.capture.speech.handling import RATE, coloured, crackle, resonating, unit, wander
 
 CURVE_HZ = 500  # at which slow curves are drawn
 OVERTONES, HIGHEST_HZ = 24, 9000.0
@@ -18,7 +18,7 @@ def buzz(count: int, rng: np.random.Generator) -> np.ndarray:
     """[n] drills, shavers, fans and motors: a hum that wanders, switched on and off or beating."""
     base_hz, drift = 10 ** rng.uniform(1.5, 2.75), rng.uniform(0, 0.15)
     hz = base_hz * np.clip(1 + drift * wander(count, 10 ** rng.uniform(-0.7, 0.9), rng), 0.3, 2)
-    sound = unit(_resonating(_harmonics(hz, rng.uniform(0.2, 1.6), rng), rng))
+    sound = unit(_through_a_body(_harmonics(hz, rng.uniform(0.2, 1.6), rng), rng))
     sound += rng.uniform(0, 0.8) * coloured(count, rng.uniform(0, 2), 100, 6000, rng)
     if rng.random() < 0.6:
         on_s, off_s = 10 ** rng.uniform(-1, 0.5), 10 ** rng.uniform(-1.3, 0.3)
@@ -38,7 +38,7 @@ def played(count: int, rng: np.random.Generator) -> np.ndarray:
             2 * np.pi * rng.uniform(4, 7) * np.arange(count) / RATE
         )
         tone = _harmonics(pitch * (1 + trembling), rng.uniform(0.4, 2), rng)
-        sound += loudness * unit(_resonating(tone, rng))
+        sound += loudness * unit(_through_a_body(tone, rng))
     return unit(sound)
 
 
@@ -89,14 +89,8 @@ def _harmonics(hz: np.ndarray, slope: float, rng: np.random.Generator) -> np.nda
     return sound
 
 
-def _resonating(sound: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """[n] -> [n] through one to four resonances."""
-    spectrum, hz = np.fft.rfft(sound), np.fft.rfftfreq(len(sound), 1 / RATE)
-    shape = np.full(len(hz), rng.uniform(0.02, 0.3))
-    for _ in range(int(rng.integers(1, 5))):
-        centre, width = 10 ** rng.uniform(2.2, 3.7), rng.uniform(0.1, 0.8)
-        shape += rng.uniform(0.2, 1) / (1 + ((hz - centre) / (width * centre)) ** 2)
-    return np.fft.irfft(spectrum * shape, len(sound))
+def _through_a_body(sound: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return resonating(sound, rng.uniform(0.02, 0.3), 3.7, (0.1, 0.8), rng)
 
 
 def _switched(count: int, on_s: float, off_s: float, rng: np.random.Generator) -> np.ndarray:

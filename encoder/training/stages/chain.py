@@ -46,12 +46,6 @@ class OldChain:
         encoder.second, encoder.config = None, replace(encoder.config, second=None)
         return OldChain(folder, sizes, plain, card, encoder)
 
-    def check_whole(self) -> None:
-        """Raise InputError unless what extends the student, and is written with it, is there: the
-        student that sees and the emotions."""
-        load_student(self.folder, "eyes")
-        checkpoint.load(self.folder / "emotion", "emotion")
-
     @property
     def blocks(self) -> str:
         """The sha256 of the student whose blocks these are."""
@@ -64,6 +58,13 @@ class OldChain:
     def student(self) -> Denoiser:
         path = self.folder / STUDENTS[self.sizes.condition]
         return fill(Denoiser(self.sizes), self.weights, path, "student").requires_grad_(False)
+
+
+def check_whole(folder: Path) -> None:
+    """Raise InputError unless what extends the student, and is written with it, is there: the
+    student that sees and the emotions."""
+    load_student(folder, "eyes")
+    checkpoint.load(folder / "emotion", "emotion")
 
 
 def listening(old: OldChain, direct: Direct, contact: Contact) -> tuple[DenoiserConfig, Weights]:

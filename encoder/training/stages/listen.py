@@ -50,7 +50,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     if config.without:  # what the student is to hear with must be there before it is trained
         checkpoint.load(config.pair, "audio")
     else:
-        old.check_whole()
+        chain.check_whole(config.old)
     if old.knows(config.without):
         config = replace(config, share=0.0)  # they would tell whom they have seen
     phones = load_encoder(config.phones)

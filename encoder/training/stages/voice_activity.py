@@ -6,7 +6,6 @@ that hear voices are trained.
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,13 +26,12 @@ from encoder.nn import checkpoint
 from encoder.nn.modules import fill
 from encoder.training import loop
 from encoder.training.checkpoints import load_encoder
-from encoder.training.clips import stacked
+from encoder.training.clips import keep, kept, stacked
 from encoder.training.presets import Presets
 from encoder.training.stages import chain
 from encoder.training.stages.contact import fold_scale
 from encoder.training.streams.augment import NOT_SPEECH, Crowd, crop, not_speech
-from encoder.training.streams.streams import REMOVE
-from sensors import files
+from encoder.training.streams.streams import check_left_out
 from sensors.types import InputError
 
 FRAMES = 300  # of a crop
@@ -87,7 +85,7 @@ def run(config: VoiceActivityConfig) -> dict[str, float]:
     direct = fill(Denoiser(sizes), weights, path, "student").direct
     assert isinstance(direct, Direct)
     if not config.without:
-        chain.OldChain.load(config.chain).check_whole()
+        chain.check_whole(config.chain)
     frames = hear(
         config.pack, phones, checkpoint.load(config.audio, "audio")[1]["sha256"],
         without=config.without, crops=(config.people, config.sounds), seed=config.run.seed,
@@ -110,10 +108,8 @@ def hear(
     """Frames of a pack, from its cache if that was made alike."""
     path = pack / "activity.npz"
     recipe = f"{recipe} {' '.join(without)} {crops} {seed}"
-    none_whole = suppress(FileNotFoundError, InputError)  # then it is made anew
-    with none_whole, files.arrays(path, REMOVE) as data:
-        if str(data["recipe"]) == recipe:
-            return HeardFrames(data["heard"], data["people"])
+    if (before := kept(path, recipe, HeardFrames)) is not None:
+        return before
     rows, people = list[np.ndarray](), list[np.ndarray]()
     parts = _parts(pack, without, crops, seed)
     for sound, talks in tqdm(parts, "sounds", sum(crops), mininterval=2):
@@ -121,8 +117,7 @@ def hear(
             rows.append(stacked(phones, torch.from_numpy(sound)[None])[0].numpy())
         people.append(np.full(len(rows[-1]), talks))
     frames = HeardFrames(np.concatenate(rows).astype(np.float16), np.concatenate(people))
-    with files.replacing(path) as draft:
-        np.savez(draft, recipe=np.array(recipe), **vars(frames))
+    keep(path, recipe, frames)
     return frames
 
 
@@ -132,8 +127,10 @@ def _parts(
     """Sounds [800 T] float32, and whether they are of people: each voice as often as any other."""
     voices: dict[str, list[Clip]] = {}
     for clip in iter_pack(pack, "train"):
-        if clip.truth != "rest" and clip.voice not in without:
+        if clip.truth != "rest":
             voices.setdefault(clip.voice, []).append(clip)
+    check_left_out(without, sorted(voices))
+    voices = {voice: some for voice, some in voices.items() if voice not in without}
     if not voices:
         raise InputError(f"{pack}: expected clips of people, got none; run `livedrive capture`")
     clips = list(voices.values())

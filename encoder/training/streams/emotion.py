@@ -20,13 +20,12 @@ from encoder.capture.motion.contacts import LipGeometry
 from encoder.capture.motion.emotion import layer
 from encoder.emotion.labels import LABELS
 from encoder.training.checkpoints import load_encoder
-from encoder.training.clips import grouped, stacked
+from encoder.training.clips import REMOVE, grouped, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop
 from encoder.training.streams.streams import (
     AHEAD,
     GAZE_SCALE,
-    REMOVE,
     StreamSource,
     made_from,
 )

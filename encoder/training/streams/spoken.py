@@ -6,7 +6,6 @@ same sound, and many kinds of sounds without a voice. Kept in the pack for reuse
 """
 
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,7 +16,7 @@ from tqdm import tqdm
 from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, iter_pack
 from encoder.denoiser.model import Denoiser
-from encoder.training.clips import stacked
+from encoder.training.clips import keep, kept, stacked
 from encoder.training.streams.augment import (
     NOT_SPEECH,
     OTHERS_DB,
@@ -28,9 +27,7 @@ from encoder.training.streams.augment import (
     crop,
     not_speech,
 )
-from encoder.training.streams.streams import AHEAD, REMOVE, check_left_out, warped
-from sensors import files
-from sensors.types import InputError
+from encoder.training.streams.streams import AHEAD, check_left_out, warped
 
 CLEAN = 0.25  # share of clips as a good microphone hears them
 LONGEST = 300  # frames of a clip
@@ -120,11 +117,8 @@ Part = tuple[Crop, str, np.random.Generator, bool]  # whose it is, whether it is
 
 
 def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> SpokenFrames | None:
-    names = tuple(SpokenFrames.__dataclass_fields__)
-    none_whole = suppress(FileNotFoundError, InputError)  # then it is made anew
-    with none_whole, files.arrays(path, REMOVE) as data:
-        if str(data["recipe"]) == recipe:
-            return SpokenFrames(*(data[name] for name in names))
+    if (before := kept(path, recipe, SpokenFrames)) is not None:
+        return before
     rows = []
     for part, voice, rng, plain in tqdm(parts, "clips", mininterval=2):
         torch.manual_seed(int(rng.integers(1 << 62)))
@@ -137,8 +131,7 @@ def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> Spoken
     if not rows:
         return None
     spoken = SpokenFrames(*(np.concatenate(parts) for parts in zip(*rows, strict=True)))
-    with files.replacing(path) as draft:
-        np.savez(draft, recipe=np.array(recipe), **vars(spoken))
+    keep(path, recipe, spoken)
     return spoken
 
 

@@ -20,7 +20,7 @@ from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest
 from encoder.capture.motion.channels import JAW_OPEN, RIG_INDEX, SPEECH_COLUMNS
 from encoder.capture.motion.upper_face import upper_face
 from encoder.training.checkpoints import load_encoder
-from encoder.training.clips import grouped, pick, stacked
+from encoder.training.clips import REMOVE, grouped, pick, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop, not_speech
 from sensors import files
@@ -82,7 +82,6 @@ def draw_stream(
     return sound, upper, gaze.reshape(-1, 6), voices[: config.stream_frames]
 
 
-REMOVE = "remove it, and train again: it is made anew"
 WARPS = (0.85, 1.17)  # of the vocal tract's length, as heard
 WARPED = 0.6  # share of streams
 

@@ -87,6 +87,12 @@ def test_who_is_left_out_is_not_heard(config, tmp_path, monkeypatch) -> None:
     assert not heard
 
 
+def test_who_is_left_out_must_be_there(config, tmp_path) -> None:
+    """Red before: a misspelt name was heard, and trained on, without a word."""
+    with pytest.raises(InputError, match="--leave-out: expected one of tone, got 'tome'"):
+        voice_activity.run(replace(config, without=("tome",), output=tmp_path / "left"))
+
+
 def test_a_chain_that_hears_no_phones_is_refused(tmp_path) -> None:
     paths = chain_that_hears_no_phones(tmp_path)
     with pytest.raises(InputError, match="train listen` first"):
