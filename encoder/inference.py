@@ -109,11 +109,13 @@ def has_gpu() -> bool:
     return torch.cuda.is_available()
 
 
-def choose_condition(wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool) -> Condition:
+def choose_condition(
+    wanted: Literal["auto", "gaze", "eyes"], has_eyes: bool, weights: Path = WEIGHTS
+) -> Condition:
     """auto: the eyes, where the source has pictures of them and their weights fit the others."""
     if wanted != "auto":
         return wanted
-    return "eyes" if has_eyes and eyes_fit(WEIGHTS) else "gaze"
+    return "eyes" if has_eyes and eyes_fit(weights) else "gaze"
 
 
 def eyes_fit(folder: Path) -> bool:

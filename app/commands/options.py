@@ -67,6 +67,8 @@ class DriveOptions:
     """UDP port on this machine for OSC messages such as /livedrive/emotion happy:0.7."""
     condition: Literal["auto", "gaze", "eyes"] = "auto"
     """What drives the upper face: synthesised gaze or the eye cameras; auto: cameras if any."""
+    weights: File = None
+    """Folder of networks that you trained (livedrive train --out); default: the shipped ones."""
     size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
     """Width and height of the picture, in pixels."""
     seed: int = 0
@@ -137,6 +139,7 @@ class DriveOptions:
             listen=self.listen,
             condition=self.condition,
             head=head,
+            weights=self.weights,
             seed=self.seed,
             device=self.device,
             realtime=realtime,

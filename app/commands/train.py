@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Literal
 
 from tyro.conf import Positional
@@ -76,6 +77,7 @@ class Train:
             out = self.out or weights_file.FOLDER
             work = self.data / f"prior_{self.preset}"
             prior.run(self.face, out, self.preset, work, self.take, self.seed, self.device)
+            print(f"next: livedrive eval prior --face {quote(str(self.face))}")
         elif self.stage == "landmarks":
             from app.train.landmarks import make_shapes, make_table
 
@@ -83,7 +85,9 @@ class Train:
             if self.face.is_dir():
                 make_shapes(self.face, self.out)
         else:
+            from app.train.next_step import next_command
             from app.train.stages import run_stage
+            from encoder.training import parallel
 
             settings = TrainSettings(
                 stage=self.stage,
@@ -105,3 +109,5 @@ class Train:
                 compile=self.compile,
             )
             run_stage(settings)
+            if parallel.join(settings.device).leads:
+                print(f"next: {next_command(settings)}")

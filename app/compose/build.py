@@ -42,9 +42,10 @@ def load_driver(
     of the settings cannot be shown."""
     from encoder import inference
 
-    condition = inference.choose_condition(settings.condition, has_eyes)
+    weights = settings.weights or inference.WEIGHTS
+    condition = inference.choose_condition(settings.condition, has_eyes, weights)
     driver = inference.load_driver(
-        device=settings.device, condition=condition, calibration=calibration
+        weights, device=settings.device, condition=condition, calibration=calibration
     )
     driver.check_emotion(_emotion(settings, driver) or "")
     return driver

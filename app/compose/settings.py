@@ -76,6 +76,7 @@ class DriveSettings:
     listen: int | None = None  # UDP port for OSC messages that set the emotion
     condition: WantedCondition = "auto"
     head: HeadMode = "auto"  # what moves it; still: nothing but speech and eyes move the face
+    weights: Path | None = None  # folder of the networks; None: the shipped ones
     seed: int = 0
     device: Device = "auto"  # of the networks
     realtime: bool = False  # at the pace of the clock
