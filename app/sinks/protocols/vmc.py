@@ -21,19 +21,19 @@ class VmcEncoder:
     """Faces as datagrams."""
 
     def __init__(self) -> None:
-        messages: list[Message] = [
-            ("/VMC/Ext/OK", (1,), 0),
-            ("/VMC/Ext/T", (), 1),
-            ("/VMC/Ext/Hmd/Pos", ("livedrive",), 7),
-            ("/VMC/Ext/Bone/Pos", ("Neck",), 7),
-            ("/VMC/Ext/Bone/Pos", ("Head",), 7),
-            ("/VMC/Ext/Bone/Pos", ("LeftEye",), 7),
-            ("/VMC/Ext/Bone/Pos", ("RightEye",), 7),
+        messages = [
+            Message("/VMC/Ext/OK", (1,)),
+            Message("/VMC/Ext/T", num_floats=1),
+            Message("/VMC/Ext/Hmd/Pos", ("livedrive",), 7),
+            Message("/VMC/Ext/Bone/Pos", ("Neck",), 7),
+            Message("/VMC/Ext/Bone/Pos", ("Head",), 7),
+            Message("/VMC/Ext/Bone/Pos", ("LeftEye",), 7),
+            Message("/VMC/Ext/Bone/Pos", ("RightEye",), 7),
         ]
         # The names of perfect-sync avatars start with a capital.
         names = [name[0].upper() + name[1:] for name in ARKIT_NAMES]
-        messages += [("/VMC/Ext/Blend/Val", (name,), 1) for name in names]
-        self._bundles = OscBundles([*messages, ("/VMC/Ext/Blend/Apply", (), 0)])
+        messages += [Message("/VMC/Ext/Blend/Val", (name,), 1) for name in names]
+        self._bundles = OscBundles([*messages, Message("/VMC/Ext/Blend/Apply")])
 
     def __call__(self, face: NamedFace) -> list[bytes]:
         time_s = np.float32(face.t_ns % (86_400 * NS) / NS)

@@ -6,9 +6,12 @@ what joins some of them (SmileSad, EyeY). VRChat's own eye tracking takes degree
 to the right; its trackers take the head's position in metres and Euler angles in degrees.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from app.face.arkit import ARKIT_NAMES
+from app.sinks.protocols.bits import BitEncoder, Bits
 from app.sinks.protocols.face import NamedFace
 from app.sinks.protocols.osc import Message, OscBundles
 from sensors import rotation
@@ -109,17 +112,24 @@ def _mean(name: str) -> dict[str, float]:
 
 
 EXPRESSIONS = _SHAPES | {name: _mean(name) for name in MEANS}
+PARAMETER_NAMES = (*EYE_PARAMETERS, *EXPRESSIONS)
 
 
 class VRChatEncoder:
-    """Faces as datagrams. VRChat itself wants `prefix` as the avatar's maker wrote it."""
+    """Faces as datagrams. VRChat itself wants `prefix` as the avatar's maker wrote it.
 
-    def __init__(self, prefix: str = PREFIX) -> None:
-        names = (*EYE_PARAMETERS, *EXPRESSIONS)
-        messages: list[Message] = [(f"/avatar/parameters/{prefix}/{n}", (), 1) for n in names]
-        messages += [("/tracking/eye/LeftRightPitchYaw", (), 4)]
-        messages += [("/tracking/eye/EyesClosedAmount", (), 1)]
-        messages += [(f"/tracking/trackers/head/{n}", (), 3) for n in ("position", "rotation")]
+    Every parameter goes out as a float; those of `bits`, by name, as bools, too.
+    """
+
+    def __init__(self, prefix: str = PREFIX, bits: Mapping[str, Bits] | None = None) -> None:
+        self._bits = BitEncoder(PARAMETER_NAMES, bits or {})
+        here = f"/avatar/parameters/{prefix}"
+        messages = [Message(f"{here}/{name}", num_floats=1) for name in PARAMETER_NAMES]
+        messages += [Message(f"{here}/{name}", num_bools=1) for name in self._bits.names]
+        messages += [Message("/tracking/eye/LeftRightPitchYaw", num_floats=4)]
+        messages += [Message("/tracking/eye/EyesClosedAmount", num_floats=1)]
+        head = "/tracking/trackers/head"
+        messages += [Message(f"{head}/{name}", num_floats=3) for name in ("position", "rotation")]
         self._bundles = OscBundles(messages)
         self._weights = np.zeros((len(EXPRESSIONS), len(SOURCES)), np.float32)
         for row, sources in enumerate(EXPRESSIONS.values()):
@@ -133,10 +143,11 @@ class VRChatEncoder:
         right_up = (face.angles * np.array([-1, 1], np.float32) / FULL_TURN).clip(-1, 1)
         down_right = np.degrees(-face.angles[:, ::-1])
         shapes = np.concatenate([face.arkit, face.arkit[self._stronger].max(1)])
-        parameters = self._weights @ shapes + self._rest
+        expressions = self._weights @ shapes + self._rest
+        parameters = np.concatenate([right_up.ravel(), right_up.mean(0), expressions])
         closed = face.arkit[self._blinks].mean()
-        values = [right_up.ravel(), right_up.mean(0), parameters, down_right.ravel()]
         position, _ = rotation.to_unity(face.head)
         pitch, yaw, roll = np.degrees(rotation.to_angles(face.head.quat))
-        values += [[closed], position, [pitch, -yaw, -roll]]
-        return self._bundles.fill(np.concatenate(values, dtype=np.float32))
+        values = [parameters, down_right.ravel(), [closed], position, [pitch, -yaw, -roll]]
+        floats = np.concatenate(values, dtype=np.float32)
+        return self._bundles.fill(floats, self._bits(parameters))
