@@ -68,15 +68,18 @@ def _vmc(address: Address, outlet: Outlet) -> "SendSink":
 
 
 def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
-    """The path is the prefix of the parameters; the host `auto` is looked for."""
+    """The path is the prefix of the parameters; the host `auto` is looked for, and asked which of
+    them its avatar has as bits."""
     from app.sinks.protocols import oscquery
     from app.sinks.protocols.vrchat import PREFIX, VRChatEncoder
 
+    bits = None
     if address.host == "auto":
         found = oscquery.find()
         path = address.path or found.prefix or ""
+        bits = found.bits if path == found.prefix else None
         address = replace(address, host=found.host, port=found.port, path=path)
-    return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX))
+    return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX, bits))
 
 
 def _livelink(address: Address, outlet: Outlet) -> "SendSink":

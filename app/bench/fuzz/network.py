@@ -98,7 +98,7 @@ def call(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
 
 def page(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     """What a page sends up, and what answers as VRChat to `--send vrchat://auto`."""
-    from app.sinks.protocols.oscquery import FACE, PARAMETERS, paths
+    from app.sinks.protocols.oscquery import PARAMETERS, face_in
     from app.web.messages import CHUNK_HEAD, MESSAGE, Picks, PoseMessages, SoundMessages
     from sensors.files import parse_json
 
@@ -107,17 +107,14 @@ def page(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     asked = b'{"avatar": "ada", "emotion": "happy:0.5", "muted": true}'
     node: dict[str, Any] = {
         "FULL_PATH": f"{PARAMETERS}/FT/v2/JawOpen",
-        "CONTENTS": {"x": {"CONTENTS": {}}},
+        "CONTENTS": {"x": {"FULL_PATH": f"{PARAMETERS}/FT/v2/JawOpen1", "CONTENTS": {}}},
     }
     chunk = CHUNK_HEAD.pack(480) + np.zeros(480, np.float32).tobytes()
     readers: tuple[tuple[bytes, Callable[[bytes], object]], ...] = (
         (asked, picks.read),
         (MESSAGE.pack(*range(9)), lambda data: poses.packet(data, 0)),
         (chunk, lambda data: (sounds.begin(), sounds.packet(data, 0))),
-        (
-            json.dumps(node).encode(),
-            lambda data: [FACE.fullmatch(path) for path in paths(parse_json(data))],
-        ),
+        (json.dumps(node).encode(), lambda data: face_in(parse_json(data))),
     )
 
     def feed() -> None:

@@ -1,6 +1,7 @@
 """Finds VRChat on the local network and asks it what its avatar takes: OSCQuery, for `vrchat://auto`.
 
-    mDNS: who is VRChat? -> HTTP: its OSC port -> HTTP: the avatar's parameters -> their prefix
+    mDNS: who is VRChat? -> HTTP: its OSC port -> HTTP: the avatar's parameters -> their prefix,
+    and which of them are bits
 
 Whoever announces itself as VRChat gets the face, so only that address is sent to which has
 answered, and where several have, the user must choose.
@@ -10,9 +11,11 @@ import asyncio
 import re
 import sys
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, cast
 
+from app.sinks.protocols.bits import Bits, bits_among
+from app.sinks.protocols.vrchat import PARAMETER_NAMES
 from sensors.files import parse_json
 from sensors.mdns import Announced, announced
 from sensors.types import InputError
@@ -20,6 +23,7 @@ from sensors.types import InputError
 SERVICE, CLIENT = "_oscjson._tcp.local.", "VRChat-Client"
 PARAMETERS = "/avatar/parameters"
 FACE = re.compile(PARAMETERS + r"/((?:[\w-]+/){0,4}v2)/JawOpen\w*")  # also as bits: JawOpen1, ...
+MAX_PREFIX = 64  # characters; it stands in every message
 WAIT_S, MAX_ANSWER = 2.0, 4 << 20  # of an answer: seconds, bytes
 MAX_NODES = 100_000
 
@@ -31,6 +35,7 @@ class VRChat:
     host: str
     port: int
     prefix: str | None
+    bits: dict[str, Bits] = field(default_factory=dict[str, Bits])  # below the prefix, by name
 
 
 def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
@@ -46,7 +51,8 @@ def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRCha
         )
     where = found[0]
     face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
-    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}", file=sys.stderr)
+    bits = f", {len(where.bits)} of them as bits" if where.bits else ""
+    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}{bits}", file=sys.stderr)
     return where
 
 
@@ -56,9 +62,7 @@ async def _ask(service: Announced) -> VRChat | None:
     port = cast(dict[str, object], info).get("OSC_PORT") if isinstance(info, dict) else None
     if not isinstance(port, int) or isinstance(port, bool) or not 0 < port < 1 << 16:
         return None
-    found = paths(await _get(service, PARAMETERS))
-    prefix = next((face[1] for path in found if (face := FACE.fullmatch(path))), None)
-    return VRChat(service.host, port, prefix)
+    return VRChat(service.host, port, *face_in(await _get(service, PARAMETERS)))
 
 
 async def _get(service: Announced, path: str) -> Any:
@@ -78,6 +82,18 @@ async def _get(service: Announced, path: str) -> Any:
         return parse_json(data)
     except (OSError, ClientError, TimeoutError, ValueError):
         return None
+
+
+def face_in(node: Any) -> tuple[str | None, dict[str, Bits]]:
+    """The prefix of the face's parameters below a node of OSCQuery, and those that are bits."""
+    found = list(paths(node))
+    faces = (face[1] for path in found if (face := FACE.fullmatch(path)))
+    prefix = next((face for face in faces if len(face) <= MAX_PREFIX), None)
+    if prefix is None:
+        return None, {}
+    here = f"{PARAMETERS}/{prefix}/"
+    there = {path.removeprefix(here) for path in found if path.startswith(here)}
+    return prefix, bits_among(there, PARAMETER_NAMES)
 
 
 def paths(node: Any) -> Iterator[str]:

@@ -1,4 +1,4 @@
-"""Faces as bits, read by python-osc, against a plain rule."""
+"""Faces as bits, read by python-osc, against a plain rule; and trees of avatars that have them."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,7 +11,7 @@ from app.face.arkit import ARKIT_NAMES
 from app.sinks.protocols.bits import MAX_BITS, BitEncoder, Bits
 from app.sinks.protocols.face import NamedFace
 from app.sinks.protocols.osc import MAX_DATAGRAM, Message, OscBundles
-from app.sinks.protocols.oscquery import PARAMETERS
+from app.sinks.protocols.oscquery import MAX_PREFIX, PARAMETERS, face_in
 from app.sinks.protocols.vrchat import PARAMETER_NAMES, VRChatEncoder
 from render.types import AHEAD
 
@@ -95,3 +95,58 @@ def test_bools_of_any_layout_are_read_back() -> None:
             assert got[m.address] == tuple(wanted)
     with pytest.raises(AssertionError, match="bools"):
         bundles.fill(values, np.append(told, True))
+
+
+def test_the_most_that_a_tree_can_ask_for_fits_an_ethernet_frame() -> None:
+    every = dict.fromkeys(PARAMETER_NAMES, Bits(MAX_BITS, True))
+    prefix = "\N{CJK UNIFIED IDEOGRAPH-20000}" * (MAX_PREFIX - 3) + "/v2"  # four bytes each
+    assert face_in(tree("JawOpen1", prefix=prefix))[0] == prefix
+    (face,) = faces(1)
+    datagrams = VRChatEncoder(prefix, every)(face)
+    assert max(map(len, datagrams)) <= MAX_DATAGRAM
+    assert len(heard(datagrams)) == len(PARAMETER_NAMES) * (MAX_BITS + 2) + 4
+
+
+def tree(*names: str, prefix: str = "FT/v2") -> dict[str, Any]:
+    below = {name: {"FULL_PATH": f"{PARAMETERS}/{prefix}/{name}"} for name in names}
+    return {"FULL_PATH": PARAMETERS, "CONTENTS": below}
+
+
+def digits(name: str, *steps: int) -> list[str]:
+    return [f"{name}{step}" for step in steps]
+
+
+@pytest.mark.parametrize(
+    ("names", "bits"),
+    [
+        (digits("JawOpen", 4, 1, 2), {"JawOpen": Bits(3, False)}),
+        (["JawOpen", *digits("JawOpen", 1, 2)], {"JawOpen": Bits(2, False)}),
+        ([*digits("EyeX", 1, 2, 4), "EyeXNegative"], {"EyeX": Bits(3, True)}),
+        (digits("JawX", *(2**k for k in range(8))), {"JawX": Bits(8, False)}),
+        (digits("JawX", *(2**k for k in range(9))), {}),  # too many
+        (digits("JawX", 1, 2, 8), {}),  # a gap
+        (digits("JawX", 2, 4), {}),
+        (digits("JawX", 1, 256), {}),
+        (digits("JawX", 1, 2, 3, 10), {"JawX": Bits(2, False)}),  # 3 is no bit
+        (["JawXNegative"], {}),
+        ([*digits("Tail", 1, 2), *digits("jawopen", 1), *digits("x/JawOpen", 1, 2)], {}),
+        (["JawX1" + "0" * 1_000_000, "JawX" + "1" * 1_000_000, "JawX\u0661", "JawX01"], {}),
+    ],
+)
+def test_bits_of_a_tree(names: list[str], bits: dict[str, Bits]) -> None:
+    """\u0661 is a digit to Python, and 01 a number."""
+    assert face_in(tree("JawOpen", *names)) == ("FT/v2", bits)
+
+
+def test_bits_of_other_folders_are_not_the_faces() -> None:
+    node = tree("JawOpen", "JawX1")
+    node["CONTENTS"] |= tree("JawX4", prefix="Old/v2")["CONTENTS"]
+    node["CONTENTS"] |= tree("JawX2", "JawXNegative", prefix="v2")["CONTENTS"]
+    node["CONTENTS"]["x"] = {"FULL_PATH": "JawX2"}
+    assert face_in(node) == ("FT/v2", {"JawX": Bits(1, False)})
+
+
+@pytest.mark.parametrize("part", ["x" * MAX_PREFIX, "JawOpen" * 1000, "a/b/c/d/e"])
+def test_a_prefix_that_no_avatar_has_is_left_alone(part: str) -> None:
+    """It would stand in every message of every tick."""
+    assert face_in(tree("JawOpen", "JawOpen1", prefix=f"{part}/v2")) == (None, {})

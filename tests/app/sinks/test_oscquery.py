@@ -11,10 +11,14 @@ from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
+from pythonosc.osc_packet import OscPacket
 from zeroconf import IPVersion, ServiceInfo, Zeroconf
 
+from app.drive.sink import FrameResult
 from app.sinks import table
 from app.sinks.protocols import oscquery
+from app.sinks.protocols.bits import Bits
+from app.sinks.protocols.face import FaceReader
 from app.sinks.protocols.oscquery import CLIENT, VRChat, find
 from render.decoder.decoder import Decoder
 from sensors.clock import ManualClock
@@ -103,6 +107,36 @@ def test_it_is_found_with_its_port_and_the_avatars_prefix(
     (receiver,) = sink.receivers  # type: ignore[union-attr]
     assert receiver._socket.getpeername() == (HERE, 9123)  # noqa: SLF001
     sink.close()
+
+
+def test_parameters_that_are_bits_are_told_and_sent_as_bits(
+    decoder: Decoder,
+    results: list[FrameResult],
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    with vrchat(INFO, json.dumps(tree(*BITS, "FT/v2/EyeLeftX")).encode()):
+        found = found_in_time()
+    assert found == VRChat(HERE, 9123, "FT/v2", {"JawOpen": Bits(2, False), "JawX": Bits(1, True)})
+    assert "face below FT/v2, 2 of them as bits\n" in capsys.readouterr().err
+    monkeypatch.setattr(oscquery, "find", lambda: found)
+    face = FaceReader(decoder)(results[0].driven)
+
+    def names(url: str) -> set[str]:
+        (sink,) = table.open_all([url], table.Outlet(decoder, "ben", ManualClock()))
+        (receiver,) = sink.receivers  # type: ignore[union-attr]
+        sink.close()
+        packets = [OscPacket(datagram) for datagram in receiver.encode(face)]
+        return {
+            m.message.address[len("/avatar/parameters/") :] for p in packets for m in p.messages
+        }
+
+    assert names("vrchat://auto") >= {*BITS, "FT/v2/JawOpen", "FT/v2/JawX", "FT/v2/EyeX"}
+    assert not {name[-1] for name in names("vrchat://auto/Old/v2")} & set("12")  # it has none
+    assert not {name[-1] for name in names("vrchat://127.0.0.1:9000/FT/v2")} & set("12")
+
+
+BITS = [f"FT/v2/{name}" for name in ("JawOpen1", "JawOpen2", "JawX1", "JawXNegative")]
 
 
 def test_none_and_several_are_told() -> None:
