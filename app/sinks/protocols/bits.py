@@ -2,6 +2,9 @@
 JawOpen4, ... are the bits of its size, JawOpenNegative is its sign.
 
     names that an avatar has -> bits_among -> Bits a parameter -> BitEncoder -> bools of a tick
+
+The sizes are VRCFaceTracking's (BinaryBaseParameter.cs), which avatars are made for: 0..1 falls
+into 2^n equal steps, and 1 is in the last of them.
 """
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
@@ -45,7 +48,7 @@ class BitEncoder:
         taken = [(row, name, bits[name]) for row, name in enumerate(names) if name in bits]
         self.names = [name + suffix for _, name, b in taken for suffix in b.suffixes]
         self._rows = np.array([row for row, _, _ in taken], np.intp)
-        self._largest = np.array([(1 << b.num) - 1 for _, _, b in taken], np.int64)
+        self._steps = np.array([1 << b.num for _, _, b in taken], np.int64)
         self._lowest = np.array([-float(b.negative) for _, _, b in taken])
         places = [(k, j) for k, (_, _, b) in enumerate(taken) for j in range(len(b.suffixes))]
         self._owners, self._shifts = np.array(places, np.int64).reshape(-1, 2).T
@@ -54,7 +57,7 @@ class BitEncoder:
         self,
         values: NDArray[np.float32],  # [parameters] in the order of the names
     ) -> NDArray[np.bool_]:  # [bools] in the order of `self.names`
-        mine = values[self._rows].clip(self._lowest, 1.0)  # float64: products are exact
-        codes = (np.abs(mine) * self._largest).astype(np.int64)
-        codes += (mine < 0) * (self._largest + 1)  # the sign is the bit after the others
+        mine = values[self._rows].clip(self._lowest, 1.0)
+        codes = np.minimum(np.abs(mine) * self._steps, self._steps - 1).astype(np.int64)
+        codes += (mine < 0) * self._steps  # the sign is the bit after the others
         return (codes[self._owners] >> self._shifts & 1).astype(np.bool_)

@@ -19,12 +19,13 @@ FULL = 1 << MAX_BITS
 
 
 def rule(value: float, bits: Bits) -> dict[str, bool]:
-    """By suffix. Slow and plain."""
+    """By suffix. Slow and plain, as VRCFaceTracking has it: its 0.99999 is all that it takes for 1,
+    which with up to 8 bits is in the last step anyway."""
     value = max(-1.0, min(1.0, value))
     told = {"Negative": value < 0} if bits.negative else {}
     if value < 0 and not bits.negative:
         value = 0.0
-    code = int(abs(value) * (2**bits.num - 1))
+    code = 2**bits.num - 1 if abs(value) > 0.99999 else int(abs(value) * 2**bits.num)
     return {str(2**k): code // 2**k % 2 == 1 for k in range(bits.num)} | told
 
 
