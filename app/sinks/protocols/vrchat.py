@@ -20,6 +20,7 @@ PREFIX = "v2"
 OPEN_LID = 0.75
 FULL_TURN = np.radians(45.0)
 SIDES = ("Left", "Right")
+ACTIVE = ("EyeTrackingActive", "LipTrackingActive", "ExpressionTrackingActive")
 EYE_PARAMETERS = ("EyeLeftX", "EyeLeftY", "EyeRightX", "EyeRightY", "EyeX", "EyeY")
 
 
@@ -118,7 +119,8 @@ PARAMETER_NAMES = (*EYE_PARAMETERS, *EXPRESSIONS)
 class VRChatEncoder:
     """Faces as datagrams. VRChat itself wants `prefix` as the avatar's maker wrote it.
 
-    Every parameter goes out as a float; those of `bits`, by name, as bools, too.
+    Every parameter goes out as a float; those of `bits`, by name, as bools, too. Avatars show a
+    face only while they are told that it is tracked.
     """
 
     def __init__(self, prefix: str = PREFIX, bits: Mapping[str, Bits] | None = None) -> None:
@@ -126,6 +128,10 @@ class VRChatEncoder:
         here = f"/avatar/parameters/{prefix}"
         messages = [Message(f"{here}/{name}", num_floats=1) for name in PARAMETER_NAMES]
         messages += [Message(f"{here}/{name}", num_bools=1) for name in self._bits.names]
+        above = {"/avatar/parameters", here.removesuffix("/v2")} - {here}
+        active = [f"{folder}/{name}" for folder in sorted(above) for name in ACTIVE]
+        messages += [Message(address, num_bools=1) for address in active]
+        self._active = np.ones(len(active), np.bool_)
         messages += [Message("/tracking/eye/LeftRightPitchYaw", num_floats=4)]
         messages += [Message("/tracking/eye/EyesClosedAmount", num_floats=1)]
         head = "/tracking/trackers/head"
@@ -150,4 +156,5 @@ class VRChatEncoder:
         pitch, yaw, roll = np.degrees(rotation.to_angles(face.head.quat))
         values = [parameters, down_right.ravel(), [closed], position, [pitch, -yaw, -roll]]
         floats = np.concatenate(values, dtype=np.float32)
-        return self._bundles.fill(floats, self._bits(parameters))
+        bools = np.concatenate([self._bits(parameters), self._active])
+        return self._bundles.fill(floats, bools)

@@ -12,7 +12,7 @@ from app.sinks.protocols.bits import MAX_BITS, BitEncoder, Bits
 from app.sinks.protocols.face import NamedFace
 from app.sinks.protocols.osc import MAX_DATAGRAM, Message, OscBundles
 from app.sinks.protocols.oscquery import MAX_PREFIX, PARAMETERS, face_in
-from app.sinks.protocols.vrchat import PARAMETER_NAMES, VRChatEncoder
+from app.sinks.protocols.vrchat import ACTIVE, PARAMETER_NAMES, VRChatEncoder
 from render.types import AHEAD
 
 FULL = 1 << MAX_BITS
@@ -105,7 +105,18 @@ def test_the_most_that_a_tree_can_ask_for_fits_an_ethernet_frame() -> None:
     (face,) = faces(1)
     datagrams = VRChatEncoder(prefix, every)(face)
     assert max(map(len, datagrams)) <= MAX_DATAGRAM
-    assert len(heard(datagrams)) == len(PARAMETER_NAMES) * (MAX_BITS + 2) + 4
+    assert len(heard(datagrams)) == len(PARAMETER_NAMES) * (MAX_BITS + 2) + 4 + 2 * len(ACTIVE)
+
+
+@pytest.mark.parametrize(("prefix", "folders"), [("v2", [""]), ("FT/v2", ["", "/FT"])])
+def test_avatars_are_told_that_the_face_is_tracked(prefix: str, folders: list[str]) -> None:
+    """Red before: the animator layers of most avatars stay off without these."""
+    encode = VRChatEncoder(prefix)
+    for face in faces(3):  # in every tick: a new avatar has them off
+        got = heard(encode(face))
+        told = {address: on for address, (on, *_) in got.items() if address.endswith("Active")}
+        assert told == {f"{PARAMETERS}{above}/{n}": True for above in folders for n in ACTIVE}
+        assert all(on is True for on in told.values())
 
 
 def tree(*names: str, prefix: str = "FT/v2") -> dict[str, Any]:

@@ -1,5 +1,6 @@
 """What hears voices: it learns what is none, and takes voices for voices as before."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,7 +16,6 @@ from encoder.inference import load_networks, load_student
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.stages import listen, voice_activity
-from encoder.training.stages.voice_activity import HeardFrames
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -33,16 +33,14 @@ def test_sounds_are_no_voices_and_voices_stay_voices(tmp_path) -> None:
     for layer in (direct.hear, direct.voice):
         torch.nn.init.normal_(layer.weight)
     torch.nn.init.zeros_(direct.hear.weight[:, 3])  # so all sound alike before
-    people = np.arange(4000) < 2000
-    heard = np.random.default_rng(0).standard_normal((4000, 7)) * 2
-    heard[:, 3] += 10 * ~people
-    frames = HeardFrames(heard.astype(np.float16), people)
-    before = voice_activity.voiced(direct, frames.heard)
+    people, sounds = np.random.default_rng(0).standard_normal((2, 2000, 7)).astype(np.float32) * 2
+    sounds[:, 3] += 10
+    before = [voice_activity.voiced(direct, heard) for heard in (people, sounds)]
     config = settings(tmp_path, steps=400, batch=200, rate=1e-2, drop=0.0)
-    metrics, _ = voice_activity.train(direct, frames, config)
-    after = voice_activity.voiced(direct, frames.heard)
-    assert (before[~people] > 0.5).mean() > 0.3 > 0.05 > (after[~people] > 0.5).mean()
-    assert np.abs(after - before)[people].mean() < 0.1 and metrics["voices_lost"] < 0.15
+    metrics, _ = voice_activity.train(direct, people, sounds, config)
+    after = [voice_activity.voiced(direct, heard) for heard in (people, sounds)]
+    assert (before[1] > 0.5).mean() > 0.3 > 0.05 > (after[1] > 0.5).mean()
+    assert np.abs(after[0] - before[0]).mean() < 0.1 and metrics["voices_lost"] < 0.15
 
 
 @pytest.fixture
@@ -99,17 +97,15 @@ def test_a_chain_that_hears_no_phones_is_refused(tmp_path) -> None:
         voice_activity.run(settings(tmp_path, audio=paths["old"] / "audio", chain=paths["old"]))
 
 
-def test_sounds_are_heard_once_for_each_recipe(tmp_path) -> None:
-    pack = pack_of_tones(tmp_path)
+def test_crops_are_heard_once_for_each_recipe(tmp_path) -> None:
+    config = settings(tmp_path, pack=pack_of_tones(tmp_path), people=3, sounds=2)
     phones = AudioEncoder(replace(AUDIO["phonetic-debug"], past_ticks=2))
-    frames = [
-        voice_activity.hear(pack, phones, recipe, without=(), crops=(3, 2), seed=0)
-        for recipe in ("one", "one", "other")
-    ]
-    assert (
-        frames[0].people.sum() == 3 * 40 and (~frames[0].people).sum() == 2 * voice_activity.FRAMES
-    )
-    for other in frames[1:]:
-        np.testing.assert_array_equal(frames[0].heard, other.heard)
-    with np.load(pack / "activity.npz") as data:
-        assert str(data["recipe"]).startswith("other")
+
+    def hear(recipe: str, crops: Iterable[np.ndarray]) -> np.ndarray:
+        return voice_activity.hear(tmp_path / "heard.npz", recipe, crops, 3, phones)
+
+    first = hear("one", voice_activity.people_of(config))
+    assert len(first) == 3 * 40 and first.dtype == np.float16
+    np.testing.assert_array_equal(first, hear("one", []))  # as it was kept
+    assert len(hear("other", voice_activity.sounds_of(config))) == 2 * voice_activity.FRAMES
+    np.testing.assert_array_equal(first, hear("one", voice_activity.people_of(config)))
