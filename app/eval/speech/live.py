@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sensors.types import InputError
+
 if TYPE_CHECKING:
     from encoder.driver import Driver
     from encoder.evaluation.judging import FaceMesh
@@ -17,6 +19,17 @@ SOUNDS = (".ogg", ".wav", ".flac")
 REST_SECONDS = 60
 NOISE_DBFS = -30.0
 RATE = 48_000
+
+
+def recordings(folder: Path, what: str) -> list[Path]:
+    """Sound files in a folder and below; raise InputError where there are none. what: who asks."""
+    paths = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SOUNDS)
+    if not paths:
+        raise InputError(
+            f"{what}: expected {', '.join(SOUNDS)} files in {folder}, got none; "
+            "give a folder of recordings"
+        )
+    return paths
 
 
 def load_sound(path: Path) -> np.ndarray:  # [T * 1600] f32
@@ -99,14 +112,8 @@ def speech_metrics(
     """
     from encoder.capture.motion.shift import best_shift
     from encoder.evaluation.metrics import envelope
-    from sensors.types import InputError
 
-    paths = sorted(p for p in folder.rglob("*") if p.suffix in SOUNDS)[::every]
-    if not paths:
-        raise InputError(
-            f"eval speech: expected {', '.join(SOUNDS)} files in {folder}, got none; "
-            "give a folder of speech"
-        )
+    paths = recordings(folder, "eval speech --speech")[::every]
     scores, openings = list[tuple[float, int]](), list[np.ndarray]()
     for path in paths:
         sound = load_sound(path)

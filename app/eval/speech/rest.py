@@ -13,13 +13,14 @@ import numpy as np
 from app.eval.settings import EvalSettings
 from app.terminal.arguments import File
 from app.terminal.thresholds import at_most, finish
-from sensors.types import FPS, InputError
+from sensors.types import FPS
 
 OPEN_MM = 2.0
 DRAWS, SECONDS = 6, 10  # of each kind of sound
 LEVELS_DB = (-40.0, -16.0)  # RMS, full scale
 UNSEEN = 7_000_000  # trainings draw from seeds far below
 SETTLE = FPS // 2  # frames
+Kinds = dict[str, Callable[[int, np.random.Generator], np.ndarray]]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,22 +58,19 @@ def sounds(settings: RestSettings) -> Iterator[tuple[str, np.ndarray]]:
     """Names of kinds and sounds [T * 1600] at 48 kHz."""
     from tqdm import tqdm
 
-    from app.eval.speech.live import SOUNDS, load_sound
+    from app.eval.speech.live import load_sound, recordings
 
     if settings.sounds is None:
-        yield from tqdm(made(settings.seed), "sounds", len(kinds()) * DRAWS, mininterval=2)
+        of_kinds = kinds()
+        count = len(of_kinds) * DRAWS
+        yield from tqdm(made(of_kinds, settings.seed), "sounds", count, mininterval=2)
         return
-    paths = sorted(p for p in settings.sounds.rglob("*") if p.suffix.lower() in SOUNDS)
-    if not paths:
-        raise InputError(
-            f"eval rest: expected {', '.join(SOUNDS)} files in {settings.sounds}, got none; "
-            "give a folder of recordings, or leave --sounds away"
-        )
+    paths = recordings(settings.sounds, "eval rest --sounds")
     for path in tqdm(paths, "sounds", mininterval=2):
         yield path.stem, load_sound(path)
 
 
-def kinds() -> dict[str, Callable[[int, np.random.Generator], np.ndarray]]:
+def kinds() -> Kinds:
     """Of sounds that are made, by name."""
     from encoder.capture.speech.handling import HANDLING
     from encoder.capture.speech.voice_like import VOICE_LIKE
@@ -80,13 +78,13 @@ def kinds() -> dict[str, Callable[[int, np.random.Generator], np.ndarray]]:
     return {make.__name__: make for make in (*HANDLING, *VOICE_LIKE)}
 
 
-def made(seed: int) -> Iterator[tuple[str, np.ndarray]]:
+def made(kinds: Kinds, seed: int) -> Iterator[tuple[str, np.ndarray]]:
     """Each kind several times, at levels of its own."""
     import soxr
 
     from encoder.capture.speech.handling import RATE
 
-    for number, (name, make) in enumerate(kinds().items()):
+    for number, (name, make) in enumerate(kinds.items()):
         for draw in range(DRAWS):
             rng = np.random.default_rng([UNSEEN + seed, number, draw])
             level = 10 ** (rng.uniform(*LEVELS_DB) / 20)

@@ -13,7 +13,7 @@ from sensors.types import InputError
 
 def test_every_kind_of_sound_is_made_anew(monkeypatch):
     monkeypatch.setattr(rest, "SECONDS", 1)
-    made = list(rest.made(0))
+    made = list(rest.made(rest.kinds(), 0))
     names = [name for name, _ in made]
     assert set(names) >= {"rub", "friction", "wind", "taps", "buzz", "played"}
     assert all(names.count(name) == rest.DRAWS for name in names)
@@ -33,5 +33,5 @@ def test_recordings_of_one_s_own_are_judged(tmp_path, capsys):
 
 
 def test_a_folder_without_recordings_is_told(tmp_path):
-    with pytest.raises(InputError, match=r"expected \.ogg.*leave --sounds away"):
+    with pytest.raises(InputError, match=r"expected \.ogg.*give a folder of recordings"):
         list(rest.sounds(RestSettings(sounds=tmp_path)))
