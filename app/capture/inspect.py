@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors import files
+from app.terminal import figures
 from sensors.types import FPS, InputError
 
 if TYPE_CHECKING:
@@ -129,18 +129,12 @@ def _sheet(
     eyes: list[NDArray[np.uint8]],
     path: Path,
 ) -> None:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
     from encoder.capture.dataset import PACK_RATE
     from encoder.capture.motion.channels import RIG_INDEX
     from encoder.capture.speech.phones import PHONES
 
-    plot: Any = pyplot
-    figure: Any = plot.figure(figsize=(16, 13), layout="constrained")
-    grid: Any = figure.add_gridspec(5, 8, height_ratios=(1, 2, 2, 2.2, 2.2))
+    figure = figures.figure(16, 13)
+    grid = figure.add_gridspec(5, 8, height_ratios=(1, 2, 2, 2.2, 2.2))
     sound = np.asarray(clip.audio, np.float32) / 32768
     seconds = len(sound) / PACK_RATE
     wave, spectrum, curves = (figure.add_subplot(grid[row, :]) for row in range(3))
@@ -170,9 +164,7 @@ def _sheet(
         axis = figure.add_subplot(grid[4, 2 * k : 2 * k + 2])
         axis.imshow(pair, cmap="gray", vmin=0, vmax=255)
         axis.axis("off")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with files.replacing(path) as draft:
-        figure.savefig(draft, dpi=80)
+    figures.save(figure, path, dpi=80)
 
 
 def _film(clip: "Clip", faces: _ClipRenderer, path: Path) -> None:

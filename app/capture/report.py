@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.terminal import figures
 from sensors import files
 from sensors.types import InputError
 
@@ -122,7 +123,8 @@ def _finish(
 
 
 def _spectrum_picture(tally: "Tally", path: Path) -> None:
-    figure, (left, right) = _figure(2)
+    figure = figures.figure(11, 3.6)
+    left, right = figure.subplots(1, 2)
     hz = np.linspace(0, 15, len(tally.spectrum))
     left.plot(hz, tally.spectrum / tally.spectrum.sum(), label="jaw")
     speed = tally.spectrum * hz**2
@@ -132,28 +134,17 @@ def _spectrum_picture(tally: "Tally", path: Path) -> None:
     left.legend()
     right.hist(tally.dwells_s, np.linspace(0, 3, 40).tolist())
     right.set(xlabel="s", title="Dwell of the gaze")
-    with files.replacing(path) as draft:
-        figure.savefig(draft)
+    figures.save(figure, path)
 
 
 def _lookahead_picture(report: dict[str, float], path: Path) -> None:
     from encoder.capture.judging.lookahead import LOOKAHEADS_MS
 
-    figure, (axis,) = _figure(1)
+    figure = figures.figure(5.5, 3.6)
+    axis = figure.subplots()
     for name, label in (("real", "real (GRID s1, tracked)"), ("made", "rule-made subjects")):
         scores = [report[f"{name}_jaw_r2_{ms}ms"] for ms in LOOKAHEADS_MS]
         axis.plot(LOOKAHEADS_MS, scores, "o-", label=label)
     axis.set(xlabel="lookahead, ms", ylabel="R2 of the jaw", ylim=(0, 1), title="Anticipation")
     axis.legend()
-    with files.replacing(path) as draft:
-        figure.savefig(draft)
-
-
-def _figure(columns: int) -> tuple[Any, Any]:
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot
-
-    figure, axes = pyplot.subplots(1, columns, figsize=(5.5 * columns, 3.6), layout="constrained")
-    return figure, np.atleast_1d(axes)
+    figures.save(figure, path)

@@ -9,15 +9,14 @@ breaths a minute. The targets are ranges for one session, not a test of realism.
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from app.eval.settings import EvalSettings
+from app.terminal import figures
 from app.terminal.arguments import File
 from app.terminal.thresholds import at_least, at_most, finish
-from sensors import files
 from sensors.types import FPS, InputError
 
 PLOT_S = 10.0
@@ -132,9 +131,7 @@ def nods(pitch: NDArray[np.float64]) -> int:  # [T] deg, down
 
 def draw(frames: dict[str, NDArray[np.float64]], path: Path) -> None:
     """Plot the first PLOT_S seconds."""
-    from matplotlib.figure import Figure
-
-    figure: Any = Figure(figsize=(10, 6))
+    figure = figures.figure(10, 6)
     upper, lower = figure.subplots(2, 1, sharex=True)
     count = int(PLOT_S * FPS)
     times = np.arange(min(count, len(frames["breath"]))) / FPS
@@ -146,5 +143,4 @@ def draw(frames: dict[str, NDArray[np.float64]], path: Path) -> None:
     lower.set(xlabel="seconds", ylabel="0..1")
     for part in (upper, lower):
         part.legend(loc="upper right")
-    with files.replacing(path) as draft:
-        figure.savefig(draft)
+    figures.save(figure, path)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from sensors import files
+from app.terminal import figures
 
 SHIFTS = range(-6, 7)  # frames
 COLUMNS = 4  # of loss curves
@@ -47,16 +47,8 @@ def save_ratios(
     panels: title -> for each row its value in each kind of clip, over that of the first row: dots,
     and their mean as a line.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure: Any
-    axes: Any
-    figure, axes = pyplot.subplots(
-        1, len(panels), figsize=(4 * len(panels), 4), squeeze=False, constrained_layout=True
-    )
+    figure = figures.figure(4 * len(panels), 4)
+    axes = figure.subplots(1, len(panels), squeeze=False)
     for panel, (name, values) in zip(axes.flat, panels.items(), strict=True):
         for index, kinds in enumerate(values):
             panel.plot([index] * len(kinds), kinds, ".", color="gray")
@@ -65,11 +57,7 @@ def save_ratios(
         panel.set(title=name, xlim=(-0.6, len(values) - 0.4))
         panel.set_xticks(range(len(rows)), rows, rotation=20, ha="right")
     figure.suptitle(title)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with files.replacing(path) as draft:
-        figure.savefig(draft, dpi=120)
-    pyplot.close("all")
-    return path
+    return figures.save(figure, path)
 
 
 def save_classes(
@@ -80,17 +68,8 @@ def save_classes(
     panels: title -> for each class [2, 2]: mean and 95th percentile, shown and tracked. Bars are
     means, ticks the percentiles.
     """
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    figure: Any
-    axes: Any
-    figure, axes = pyplot.subplots(
-        len(panels), 1, figsize=(9, 2.1 * len(panels)), squeeze=False, sharex=True,
-        constrained_layout=True,
-    )  # fmt: skip
+    figure = figures.figure(9, 2.1 * len(panels))
+    axes = figure.subplots(len(panels), 1, squeeze=False, sharex=True)
     places = np.arange(len(classes))
     for panel, (title, rows) in zip(axes.flat, panels.items(), strict=True):
         for side, (name, colour) in enumerate((("shown", "C0"), ("tracked", "0.6"))):
@@ -101,40 +80,26 @@ def save_classes(
         panel.set(ylabel=title)
         panel.set_xticks(places, classes)
     axes.flat[0].legend(fontsize="small")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with files.replacing(path) as draft:
-        figure.savefig(draft, dpi=110)
-    pyplot.close("all")
-    return path
+    return figures.save(figure, path)
 
 
 def save(
     folder: Path, shifts: Mapping[str, list[float]], curves: Mapping[str, dict[str, list[float]]]
 ) -> list[Path]:
     """Write shift.png and, where there are curves, losses.png; returns their paths."""
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
-    folder.mkdir(parents=True, exist_ok=True)
-    figure: Any
-    axes: Any
-    figure, axes = pyplot.subplots(figsize=(8, 4.5), constrained_layout=True)
+    figure = figures.figure(8, 4.5)
+    axes = figure.subplots()
     for name, errors in sorted(shifts.items(), key=lambda item: item[0].startswith("language")):
         style = {"color": "lightgray", "zorder": 1} if name.startswith("language") else {}
         axes.plot([1000 / 30 * s for s in SHIFTS], errors, marker=".", label=name, **style)
     axes.axvline(0, color="gray", linewidth=0.5)
     axes.set(xlabel="shift of the predicted motion (ms)", ylabel="error of lip opening (mm)")
     figure.legend(loc="outside right upper", fontsize="small")
-    paths = [folder / "shift.png"]
-    with files.replacing(paths[0]) as draft:
-        figure.savefig(draft, dpi=120)
+    paths = [figures.save(figure, folder / "shift.png")]
     if curves:
         rows = -(-len(curves) // COLUMNS)
-        figure, grid = pyplot.subplots(
-            rows, COLUMNS, figsize=(4 * COLUMNS, 3.2 * rows), squeeze=False, constrained_layout=True
-        )
+        figure = figures.figure(4 * COLUMNS, 3.2 * rows)
+        grid = figure.subplots(rows, COLUMNS, squeeze=False)
         for panel in grid.flat[len(curves) :]:
             panel.set_axis_off()
         for panel, (name, curve) in zip(grid.flat, curves.items(), strict=False):
@@ -143,8 +108,5 @@ def save(
                     panel.plot(curve["step"], values, label=key)
             panel.set(title=name, xlabel="step", yscale="log")
             panel.legend(fontsize="small")
-        paths.append(folder / "losses.png")
-        with files.replacing(paths[1]) as draft:
-            figure.savefig(draft, dpi=120)
-    pyplot.close("all")
+        paths.append(figures.save(figure, folder / "losses.png"))
     return paths

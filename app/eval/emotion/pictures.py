@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from app.terminal import figures
 from sensors import files
 
 if TYPE_CHECKING:
@@ -74,19 +75,11 @@ def _sheet(path: Path, rows: list[list[np.ndarray]], names: list[str]) -> None:
 
 
 def _confusions(path: Path, seen: "dict[str, Confusion]") -> None:
-    import matplotlib
-
-    matplotlib.use("agg")
-    from matplotlib import pyplot
-
     from encoder.emotion.labels import LABELS
 
     regions = ("face", "upper", "lower")
-    figure: Any
-    grid: Any
-    figure, grid = pyplot.subplots(
-        len(seen), 3, figsize=(13, 4.4 * len(seen)), squeeze=False, constrained_layout=True
-    )
+    figure = figures.figure(13, 4.4 * len(seen))
+    grid = figure.subplots(len(seen), 3, squeeze=False)
     for panels, (kind, found) in zip(grid, seen.items(), strict=True):
         for panel, region in zip(panels, regions, strict=True):
             table: Any = found.tables[region]
@@ -99,6 +92,4 @@ def _confusions(path: Path, seen: "dict[str, Confusion]") -> None:
                     dark = "white" if value > 0.5 else "black"
                     panel.text(x, y, f"{100 * value:.0f}", ha="center", va="center", fontsize=6,
                                color=dark)  # fmt: skip
-    with files.replacing(path) as draft:
-        figure.savefig(draft, dpi=110)
-    pyplot.close(figure)
+    figures.save(figure, path)
