@@ -97,9 +97,10 @@ def save(
     figure.legend(loc="outside right upper", fontsize="small")
     paths = [figures.save(figure, folder / "shift.png")]
     if curves:
-        rows = -(-len(curves) // COLUMNS)
-        figure = figures.figure(4 * COLUMNS, 3.2 * rows)
-        grid = figure.subplots(rows, COLUMNS, squeeze=False)
+        columns = min(COLUMNS, len(curves))
+        rows = -(-len(curves) // columns)
+        figure = figures.figure(4 * columns, 3.6 * rows)
+        grid = figure.subplots(rows, columns, squeeze=False)
         for panel in grid.flat[len(curves) :]:
             panel.set_axis_off()
         for panel, (name, curve) in zip(grid.flat, curves.items(), strict=False):
@@ -107,6 +108,6 @@ def save(
                 if key != "step":
                     panel.plot(curve["step"], values, label=key)
             panel.set(title=name, xlabel="step", yscale="log")
-            panel.legend(fontsize="small")
+            panel.legend(fontsize="x-small", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.2))
         paths.append(figures.save(figure, folder / "losses.png"))
     return paths
