@@ -146,7 +146,8 @@ PAGE = """<!doctype html>
 <p><button id="play" onclick="play()">Play both in turn</button></p>
 <p id="choices"><button onclick="vote('left')">Left</button>
 <button onclick="vote('right')">Right</button></p>
-<p><button onclick="save()">Save votes</button></p>
+<p><button id="back" onclick="undo()">Back</button>
+<button onclick="save()">Save votes</button></p>
 <script>
 const trials = TRIALS, key = "livedrive-ab-STUDY";  // all files share one storage
 const votes = JSON.parse(localStorage.getItem(key) || "[]");
@@ -160,6 +161,7 @@ function show() {
     side(id).hidden = !t || still, side(id + "_still").hidden = !still;
     side(id).src = still ? "" : source, side(id + "_still").src = still ? source : "";
   }
+  side("back").disabled = !votes.length;
   side("play").hidden = !t || still, side("choices").hidden = side("question").hidden = !t;
   side("question").textContent = "Which face looks more " +
     (still ? "like a living person?" : "natural and better in time with its voice?");
@@ -174,6 +176,13 @@ function vote(id) {
   const t = trials[votes.length];
   if (!t) return;
   votes.push({name: t.name, choice: t[id], side: id});
+  keep();
+}
+function undo() {
+  votes.pop();
+  keep();
+}
+function keep() {
   localStorage.setItem(key, JSON.stringify(votes));
   show();
 }

@@ -39,6 +39,10 @@ def visitor() -> Iterator[Any]:
 
 def test_votes_survive_a_reload_and_are_saved_to_be_counted(tmp_path: Path, visitor: Any) -> None:
     visitor.goto(study(tmp_path, "png", 50, 200))
+    back = visitor.get_by_role("button", name="Back")
+    assert back.is_disabled()
+    visitor.get_by_role("button", name="Right").click()
+    back.click()  # a slip is taken back
     visitor.get_by_role("button", name="Left").press("Enter")
     visitor.reload()
     assert visitor.inner_text("#count") == "2 of 2"
@@ -47,7 +51,7 @@ def test_votes_survive_a_reload_and_are_saved_to_be_counted(tmp_path: Path, visi
     # Red before: the question of films, two empty ones and a button that plays them.
     assert visitor.locator("video:visible, img:visible, #question:visible").count() == 0
     buttons = visitor.locator("button:visible").all_inner_texts()
-    assert buttons == ["Save votes"]
+    assert buttons == ["Back", "Save votes"]
     with visitor.expect_download() as download:
         visitor.get_by_role("button", name="Save votes").click()
     download.value.save_as(tmp_path / "votes.json")
