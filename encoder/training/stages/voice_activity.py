@@ -58,13 +58,13 @@ class VoiceActivityConfig:
     without: tuple[str, ...] = ()  # talkers who are not heard
     people: int = 1200  # crops of 10 s
     sounds: int = 2400  # the same without a voice
-    steps: int = 4000
+    steps: int = 6000
     batch: int = 1500  # frames of each
     rate: float = 1e-3
     drop: float = 0.1  # dropout: share of what is heard that is left out in a step
-    # voices lost | sounds taken for some, as trained: 1 .0055 | .0020, .5 .0039 | .0032; after 4000
-    # steps instead of 1500, .5: .0028 | .0022
-    sounds_weight: float = 0.5
+    # voices lost | sounds taken for some: 1500 steps, 1 .0055 | .0020, .5 .0039 | .0032; 4000 steps,
+    # .5 .0030 | .0020; 6000 steps, 1 .0034 | .0010
+    sounds_weight: float = 1.0
 
 
 preset = Presets(
