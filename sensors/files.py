@@ -17,6 +17,7 @@ import zlib
 from collections.abc import Generator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryFile
 from typing import Any
 
 import numpy as np
@@ -118,6 +119,18 @@ def load_npz(path: Path, max_bytes: int = MAX_ARRAYS) -> dict[str, NDArray[Any]]
     if other := [name for name, array in found.items() if not isinstance(array, np.ndarray)]:
         raise ValueError(f"{other[0]!r} is not an array")
     return found
+
+
+def check_folder(folder: Path, option: str, cure: str) -> None:
+    """Before long work whose result goes there. Raises InputError where nothing can be written
+    into `folder`, or where it is none, and none can be made there."""
+    try:
+        there = next((parent for parent in (folder, *folder.parents) if parent.exists()), folder)
+        TemporaryFile(dir=there).close()
+    except OSError as error:
+        raise InputError(
+            f"{option}: expected a folder to write into, got {folder}: {error.strerror}; {cure}"
+        ) from None
 
 
 @contextmanager

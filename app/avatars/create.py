@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
+from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -36,8 +37,8 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     from render.decoder import identity
 
     _check(name, folder, replace)
-    lender = identity.load(parts.hair) if parts.hair else None
-    bearded = identity.load(parts.beard) if parts.beard else None
+    lender = identity.load(parts.hair) if parts.hair is not None else None
+    bearded = identity.load(parts.beard) if parts.beard is not None else None
     maker = Maker()
     maker.check_eye(parts.eye)
     geometry, skin = _head(maker, parts)
@@ -94,9 +95,12 @@ def _check(name: str, folder: Path, replace: bool) -> None:
     if name == "all" or not name.isascii() or name != name.lower():
         raise InputError(f"name: expected {NAME}, got {name!r}; choose another")
     if name in identity.shipped():
-        raise InputError(f"name: expected a new one, got that of a shipped avatar, {name}")
+        raise InputError(
+            f"name: expected a new one, got that of a shipped avatar, {name}; choose another"
+        )
     if name in identity.names(folder) and not replace:
         raise InputError(
             f"name: expected a new one, got that of an avatar in {folder}; "
             "choose another, or add --replace"
         )
+    files.check_folder(folder, "--out", "choose another")

@@ -1,7 +1,6 @@
 """Eye calibrations on disk: the user's profile for live runs, the session for its replay."""
 
 from pathlib import Path
-from tempfile import TemporaryFile
 from typing import TYPE_CHECKING, Any
 
 from sensors import files, folders
@@ -28,15 +27,8 @@ def of_user(path: Path | None = None) -> "EyeCalibration | None":
 
 def check_writable(path: Path) -> None:
     """Before the work that makes a calibration. Raises InputError where `path` cannot be one."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        files.check_regular(path)
-        TemporaryFile(dir=path.parent).close()
-    except OSError as error:
-        raise InputError(
-            f"calibrate: expected a folder to write into, got {path.parent}: {error.strerror}; "
-            "choose a file with --out FILE"
-        ) from None
+    files.check_folder(path.parent, "calibrate", "choose a file with --out FILE")
+    files.check_regular(path)
 
 
 def keep(calibration: "EyeCalibration", path: Path) -> None:

@@ -90,11 +90,12 @@ def load(path: Path) -> Gaussians:
 
 def _vertices(path: Path) -> NDArray[np.void]:
     """The element `vertex`, which must come first, as one record a row."""
-    data = path.read_bytes()
+    data = files.read_bytes(path)
     end = data.find(b"end_header", 0, MAX_HEADER)
+    start = data.find(b"\n", end) + 1
     lines = data[: max(end, 0)].decode("latin-1").splitlines()
     binary = any(line.split() == ["format", "binary_little_endian", "1.0"] for line in lines)
-    if end < 0 or lines[:1] != ["ply"] or not binary:
+    if end < 0 or start == 0 or lines[:1] != ["ply"] or not binary:
         raise InputError(
             f"{path}: expected a PLY file, format binary_little_endian 1.0, got something else; "
             "export it again"
@@ -114,7 +115,6 @@ def _vertices(path: Path) -> NDArray[np.void]:
             f"{path}: expected each property once, got {doubled[0]!r} twice; export it again"
         )
     dtype = np.dtype(fields)
-    start = data.index(b"\n", end) + 1
     if count < 0 or len(data) - start < count * dtype.itemsize:
         raise InputError(
             f"{path}: expected {max(count, 0)} vertices first in the PLY file, got a truncated or "

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from render.avatars import surface_scan
+from render.avatars import surface_scan, textures
 from render.avatars.alignment import UNITS
 from render.types import Floats
 from sensors import files
@@ -106,24 +106,26 @@ def _obj_vertices(path: Path) -> NDArray[np.float64]:  # [V, 3]
 
 def read_texture(path: Path) -> Floats:  # [1024, 2048, 3] 0..1
     """The skin atlas (face left, back of the head right); other sizes of shape 2:1 are resized."""
-    from PIL import Image, UnidentifiedImageError
+    from PIL import Image
 
-    try:
-        with Image.open(path) as image:
-            if image.width * image.height > MAX_PIXELS:
-                raise ValueError(f"{image.width} x {image.height} pixels")
-            image.load()
-    except (UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError) as error:
-        raise InputError(f"{path}: expected a picture, got {error}; save it as PNG") from None
-    if "A" in image.getbands() and image.getchannel("A").getextrema() != (255, 255):
-        raise InputError(
-            f"{path}: expected an opaque texture, got transparent pixels; fill them and save as RGB"
-        )
+    with textures.opened(path, "a picture") as image:
+        if image.width * image.height > MAX_PIXELS:
+            raise InputError(
+                f"{path}: expected at most {MAX_PIXELS // 1_000_000} million pixels, got "
+                f"{image.width} x {image.height}; scale it down"
+            )
+        clear = image.has_transparency_data
+        if clear and image.convert("RGBA").getchannel("A").getextrema()[0] < 255:
+            raise InputError(
+                f"{path}: expected an opaque texture, got transparent pixels; fill them and save "
+                "as RGB"
+            )
+        image = textures.rgb(image)
     width, height = image.size
     if width != 2 * height or height < SMALLEST_TEXTURE:
         raise InputError(
             f"{path}: expected 2048 x 1024 pixels (2:1, at least {2 * SMALLEST_TEXTURE} wide), got "
             f"{width} x {height}; lay it out as the skins of the face data"
         )
-    image = image.convert("RGB").resize((2048, 1024), Image.Resampling.LANCZOS)
+    image = image.resize((2048, 1024), Image.Resampling.LANCZOS)
     return np.asarray(image, np.float32) / np.float32(255)

@@ -1,4 +1,10 @@
-"""Colours from pictures: bilinear look-ups and blurred levels of a texture at the anchors."""
+"""Colours from pictures: files, bilinear look-ups, blurred levels of a texture at the anchors."""
+
+import warnings
+from collections.abc import Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -6,10 +12,53 @@ from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, mini
 
 from render.decoder import mesh_parts
 from render.types import Floats
+from sensors import files
+from sensors.types import InputError
 
 SKIN_SIGMAS = (0.7, 2.0, 4.0, 8.0)  # texels of the skin atlas (2048 x 1024)
 EYE_SIGMAS = (0.7, 1.5, 3.0, 6.0)  # texels of an eye's picture
 LEVELS = len(SKIN_SIGMAS)
+
+
+@contextmanager
+def opened(path: Path, what: str) -> Generator[Any]:
+    """The image of a file of somebody's, for PIL to decode in the block. Raises InputError where it
+    is none, is cut off or too large; `what` was expected: a photograph."""
+    from PIL import Image, UnidentifiedImageError
+
+    try:
+        with warnings.catch_warnings(), files.open_regular(path) as file:
+            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of half the limit
+            with Image.open(file) as image:
+                yield image
+    except (FileNotFoundError, InputError):
+        raise
+    except Image.DecompressionBombError:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise InputError(
+            f"{path}: expected at most {most} million pixels, got more; scale it down"
+        ) from None
+    except (
+        *(UnidentifiedImageError, SyntaxError),
+        *(ValueError, OSError, EOFError, TypeError, KeyError),
+    ) as error:
+        if "truncated" in str(error).lower():
+            raise InputError(
+                f"{path}: expected a whole picture, got one that is cut off; copy it again"
+            ) from None
+        text = "another kind of file" if isinstance(error, UnidentifiedImageError) else error
+        raise InputError(
+            f"{path}: expected {what}, got {text}; save it as JPEG or PNG"[:400]
+        ) from None
+
+
+def rgb(image: Any) -> Any:
+    """PIL clips 16 bits of grey to white; here they are scaled to 8."""
+    from PIL import Image
+
+    if image.mode == "I" or image.mode.startswith("I;16"):
+        image = Image.fromarray((np.asarray(image) / 257).clip(0, 255).astype(np.uint8))
+    return image.convert("RGB")
 
 
 def sample(image: Floats, at: Floats) -> Floats:

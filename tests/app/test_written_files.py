@@ -158,3 +158,16 @@ def test_a_video_tells_of_a_full_disk(tmp_path: Path, name: str, num_bytes: int)
         with pytest.raises(OSError) as told:
             sink.close()
     assert told.value.filename == str(tmp_path / name)
+
+
+def test_weights_and_their_card_change_together(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: new weights beside the old card, so that neither could be loaded."""
+    save_weights(tmp_path / "mine.safetensors")
+    monkeypatch.setattr(weights_file.json, "dumps", lambda *_, **__: "{" * (1 << 20))
+    with pytest.raises(OSError, match="mine.json|large"), full_disk(100_000):
+        weights_file.save(tmp_path / "mine", {"x": np.ones(1)}, {"kind": "prior"})
+    tensors, _ = weights_file.load(tmp_path / "mine", "prior")
+    assert tensors["x"] == 0
+    assert len(list(tmp_path.iterdir())) == 2

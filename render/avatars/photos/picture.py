@@ -2,18 +2,16 @@
 lens.
 """
 
-import warnings
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render.avatars import textures
 from render.avatars.photos.detector import ON_SKIN, OVAL, FaceDetector
 from render.avatars.photos.fit import PhotoView
 from render.types import Doubles
-from sensors import files
 from sensors.types import InputError
 
 MOST = 5  # photographs
@@ -80,33 +78,11 @@ def is_grey(picture: NDArray[np.uint8], points: Doubles) -> bool:
 
 def read(path: Path) -> tuple[NDArray[np.uint8], float | None]:
     """Pixels [H, W, 3], upright; the lens, where the file tells it."""
-    from PIL import Image, ImageOps, UnidentifiedImageError
+    from PIL import Image, ImageOps
 
-    try:
-        with warnings.catch_warnings(), files.open_regular(path) as file:
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # of half the limit
-            with Image.open(file) as image:
-                told = image.getexif().get_ifd(EXIF).get(LENS_35MM)
-                upright = _rgb(ImageOps.exif_transpose(image))
-    except (FileNotFoundError, InputError):
-        raise
-    except Image.DecompressionBombError:
-        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
-        raise InputError(
-            f"{path}: expected at most {most} million pixels, got more; scale it down"
-        ) from None
-    except (
-        *(UnidentifiedImageError, SyntaxError),
-        *(ValueError, OSError, EOFError, TypeError, KeyError),
-    ) as error:
-        if "truncated" in str(error).lower():
-            raise InputError(
-                f"{path}: expected a whole photograph, got one that is cut off; copy it again"
-            ) from None
-        text = "another kind of file" if isinstance(error, UnidentifiedImageError) else error
-        raise InputError(
-            f"{path}: expected a photograph, got {text}; save it as JPEG or PNG"[:400]
-        ) from None
+    with textures.opened(path, "a photograph") as image:
+        told = image.getexif().get_ifd(EXIF).get(LENS_35MM)
+        upright = textures.rgb(ImageOps.exif_transpose(image))
     if min(upright.size) < SMALLEST_PX:
         raise InputError(
             f"{path}: expected at least {SMALLEST_PX} pixels each way, got {upright.width} x "
@@ -119,12 +95,3 @@ def read(path: Path) -> tuple[NDArray[np.uint8], float | None]:
     lens = float(told) if isinstance(told, int) else 0.0
     known = LENSES_MM[0] <= lens <= LENSES_MM[1]
     return np.asarray(upright, np.uint8), lens if known else None
-
-
-def _rgb(image: Any) -> Any:
-    """PIL clips 16 bits of grey to white; here they are scaled to 8."""
-    from PIL import Image
-
-    if image.mode == "I" or image.mode.startswith("I;16"):
-        image = Image.fromarray((np.asarray(image) / 257).clip(0, 255).astype(np.uint8))
-    return image.convert("RGB")

@@ -21,17 +21,19 @@ FOLDER = Path(__file__).parents[2] / "weights"
 def save(
     path: Path, tensors: dict[str, NDArray[Any]], card: dict[str, Any], *, private: bool = False
 ) -> None:
-    """Write `path`.safetensors and `path`.json; `card` must hold "kind".
+    """Write `path`.safetensors and `path`.json; `card` must hold "kind". On a full disk, or after
+    Ctrl-C, both are the older ones.
 
     `private`: for their owner alone (0600)."""
     from safetensors.numpy import save as to_bytes
 
     data = to_bytes({name: np.ascontiguousarray(value) for name, value in tensors.items()})
     path.parent.mkdir(parents=True, exist_ok=True)
-    files.write_bytes(path.with_suffix(".safetensors"), data, private=private)
     card = {**card, "sha256": hashlib.sha256(data).hexdigest()}
     text = json.dumps(card, indent=2) + "\n"
-    files.write_text(path.with_suffix(".json"), text, private=private)
+    with files.replacing(path.with_suffix(".safetensors"), private=private) as draft:
+        draft.write_bytes(data)
+        files.write_text(path.with_suffix(".json"), text, private=private)
 
 
 def load(path: Path, kind: str) -> tuple[dict[str, NDArray[Any]], dict[str, Any]]:

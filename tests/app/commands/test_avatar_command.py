@@ -46,7 +46,7 @@ def test_a_scan_becomes_an_avatar_with_hair_and_a_card(files: dict[str, Path]) -
 
 def test_nobody_is_replaced_unasked(files: dict[str, Path]) -> None:
     """Red before: `create ben` took the place of the shipped one."""
-    with pytest.raises(InputError, match="shipped"):
+    with pytest.raises(InputError, match="shipped avatar, ben; choose another"):
         CreateAvatar(name="ben", **files).run()
     ada = identity.load("ada")
     identity.save(replace(ada, name="me"), files["out"], {"command": "test"})
@@ -140,11 +140,22 @@ def test_a_wrong_word_is_refused_before_the_work(
     assert identity.names(files["out"]) == []
 
 
+@pytest.mark.parametrize("out", ["t.png", "t.png/below", "/proc/mine"])
+def test_a_folder_that_takes_no_files_is_refused_before_the_work(
+    files: dict[str, Path], out: str
+) -> None:
+    """Red before: after the minutes that the head takes, which was lost."""
+    wanted = r"--out: expected a folder to write into, got .*; choose another"
+    with pytest.raises(InputError, match=wanted):
+        CreateAvatar(name="me", photos=(files["geometry"],), out=files["out"] / out).run()
+
+
 @pytest.mark.parametrize(
     ("option", "words"),
     [
         ({"eye": "pink"}, "--eye: expected one of blue, .*, got 'pink'; try --eye blue"),
         ({"beard": "nobody"}, "expected one of .*, got 'nobody'"),
+        ({"hair": ""}, "expected one of .*, got ''"),  # red before: bald, without a word
     ],
 )
 def test_eyes_and_beard_are_checked_before_the_photographs(

@@ -189,6 +189,24 @@ def test_textures_are_resized_or_refused(tmp_path: Path):
         scan.read_texture(path)
 
 
+def test_a_texture_is_read_as_photographs_are(tmp_path: Path):
+    """Red before: a traceback's words without a name, 16 bits all white, holes of a palette."""
+    levels = np.linspace(0, 65535, 256 * 512).reshape(256, 512).astype(np.uint16)
+    Image.fromarray(levels).save(tmp_path / "deep.png")
+    assert 0.45 < scan.read_texture(tmp_path / "deep.png").mean() < 0.55
+    holes = Image.new("RGB", (512, 256), (200, 150, 120)).quantize(4)
+    holes.save(tmp_path / "holes.png", transparency=0)
+    with pytest.raises(InputError, match="expected an opaque texture"):
+        scan.read_texture(tmp_path / "holes.png")
+    data = (tmp_path / "deep.png").read_bytes()
+    (tmp_path / "cut.png").write_bytes(data[: len(data) // 2])
+    with pytest.raises(InputError, match=r"cut.png: .* got one that is cut off; copy it again"):
+        scan.read_texture(tmp_path / "cut.png")
+    (tmp_path / "link.png").symlink_to(tmp_path / "deep.png")
+    with pytest.raises(InputError, match="got a link"):
+        scan.read_texture(tmp_path / "link.png")
+
+
 def test_an_unknown_eye_names_the_others(maker, skin):
     with pytest.raises(InputError, match="expected one of blue, brown, brownlight, green, grey"):
         maker.albedo(skin, "violet")
@@ -225,3 +243,9 @@ def test_a_foreign_ply_is_scaled_and_a_broken_one_refused(tmp_path: Path):
     (tmp_path / "head.ply").write_bytes(words.encode() + b"end_header\n" + bytes(4))
     with pytest.raises(InputError, match="expected Gaussian splats with a property 'y'"):
         ply.load(tmp_path / "head.ply")
+    (tmp_path / "head.ply").write_bytes(words.encode() + b"end_header")  # red before: a traceback
+    with pytest.raises(InputError, match="expected a PLY file, format binary_little_endian"):
+        ply.load(tmp_path / "head.ply")
+    (tmp_path / "link.ply").symlink_to(tmp_path / "head.ply")
+    with pytest.raises(InputError, match="got a link"):  # red before: it was followed
+        ply.load(tmp_path / "link.ply")
