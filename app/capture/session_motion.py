@@ -29,18 +29,30 @@ def read_take(path: Path, audio: Path | None) -> "LivelinkTake":
 
     take = read_livelink(path)
     if audio is not None:
-        import soundfile
-
-        try:
-            seconds = float(soundfile.info(audio).duration)
-        except soundfile.LibsndfileError:
-            return take  # `session create` says what is wrong with the sound
-        if seconds < take.times[-1] - EARLY_END_S:
+        seconds = _seconds(audio)
+        if seconds is not None and seconds < take.times[-1] - EARLY_END_S:
             raise InputError(
                 f"{audio}: expected at least the {take.times[-1]:.1f} s of {path.name}, "
                 f"got {seconds:.1f} s; cut the take or find the whole sound"
             )
     return take
+
+
+def _seconds(audio: Path) -> float | None:
+    """None where it is not known; `session create` says what is wrong with the sound."""
+    import soundfile
+
+    from sensors.session.av_sound import AvSound
+
+    try:
+        return float(soundfile.info(audio).duration)
+    except (soundfile.LibsndfileError, TypeError):  # TypeError: of a .raw
+        pass
+    try:
+        with AvSound(audio) as sound:
+            return sound.seconds
+    except InputError:
+        return None
 
 
 def silence(path: Path, take: "LivelinkTake") -> Path:

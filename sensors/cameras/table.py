@@ -102,7 +102,11 @@ def _session(target: CameraTarget, clock: Clock) -> Connect:
     from sensors.cameras.video import PlayedCameraLink, session_pictures
 
     path = Path(target.text)
-    Recording(path).close()
+    with Recording(path) as recording:
+        if not recording.eyes:
+            raise InputError(
+                f"--eyes: expected pictures of eyes, got none in session:{path}; choose another"
+            )
     return lambda: PlayedCameraLink(session_pictures(path), clock)
 
 

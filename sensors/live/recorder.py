@@ -48,7 +48,11 @@ class LiveRecorder:
         except InputError:
             raise
         except OSError as error:
-            self._stop(f"{error.strerror or error}")
+            self.problem = f"{error.strerror or error}"
+            tell(
+                f"{folder}: expected to begin recording, got: {self.problem}; "
+                f"{self._beside}choose another"
+            )
             return
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()

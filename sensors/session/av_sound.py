@@ -35,6 +35,8 @@ class AvSound:
             self._container.close()
             raise InputError(f"{path}: expected a sound file, got no sound in it; check the name")
         self.samplerate = int(streams[0].rate)
+        length, base = streams[0].duration, streams[0].time_base
+        self.seconds = float(length * base) if length and base else None  # None: not known
         self._blocks = self._decode(streams[0])
         self._rest = np.zeros((0, 1), np.float32)
 

@@ -5,6 +5,7 @@ so a session of any length costs little memory.
 """
 
 # pyright: reportMissingTypeStubs=false
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from sensors import files
 from sensors.session.eye_video import EyeVideoReader
-from sensors.session.format import AudioEntry, EyeEntry
+from sensors.session.format import TIMELINE_FILE, AudioEntry, EyeEntry
 from sensors.types import SAMPLE_RATE, AudioPacket, EyePacket, InputError
 
 READ_AHEAD = SAMPLE_RATE  # samples: a packet is a tick's, and each read takes as long as a second's
@@ -27,6 +28,7 @@ class AudioStream:
         self.t_ns = np.array([e.t_ns for e in entries], np.int64)  # [packets]
         self._path = path
         self._file: Any = None
+        self._check_order()
         self._read: tuple[int, NDArray[np.float32]] = 0, np.empty(0, np.float32)  # offset, samples
         self.num_samples = self._open()
         expected = max((e.offset + e.num_samples for e in entries), default=0)
@@ -57,6 +59,16 @@ class AudioStream:
             self._file.close()
             self._file = None
         self._read = 0, np.empty(0, np.float32)
+
+    def _check_order(self) -> None:
+        """Before a file is written: frames cannot be made of sound that goes back."""
+        for before, entry in pairwise(self.entries):
+            expected = before.first_sample + before.num_samples
+            if entry.first_sample < expected:
+                raise InputError(
+                    f"{self._path.with_name(TIMELINE_FILE)}: expected sound from sample {expected} "
+                    f"on, got {entry.first_sample}; restore the file"
+                )
 
     def _read_from(self, offset: int, count: int) -> NDArray[np.float32]:
         if self._file is None:

@@ -4,11 +4,14 @@ import io
 import shlex
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
 
+import av
 import numpy as np
 import pytest
 import soundfile
 
+from app.capture import session_motion
 from app.commands.session import CreateSession, ExportSession
 from sensors.types import InputError
 
@@ -51,3 +54,26 @@ def test_an_export_says_which_pictures_are_missing(
 def test_a_session_of_nothing_is_told_what_to_type(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="try --audio x.wav"):
         CreateSession(folder=tmp_path / "s").run()
+
+
+@pytest.mark.parametrize("words", ["expected at least the 10.0 s", ""])
+def test_the_film_of_a_take_is_as_long_as_its_curves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, words: str
+) -> None:
+    """Live Link Face writes a .mov beside its CSV. Red before: what was longer was cut, silently;
+    of a .raw sound nothing but a traceback came."""
+    take = SimpleNamespace(times=np.array([0.0, 10.0]))
+    monkeypatch.setattr("encoder.capture.subjects.livelink.read_livelink", lambda _: take)
+    sound = tmp_path / ("a.mov" if words else "a.raw")
+    if not words:
+        sound.write_text("no sound")
+        assert session_motion.read_take(tmp_path / "take.csv", sound) is take
+        return
+    with av.open(str(sound), "w") as container:
+        stream = container.add_stream("pcm_s16le", rate=48_000, layout="mono")
+        frame = av.AudioFrame.from_ndarray(np.zeros((1, 48_000), np.int16), "s16", "mono")
+        frame.sample_rate = 48_000
+        container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+    with pytest.raises(InputError, match=f"{words} of take.csv, got 1.0 s"):
+        session_motion.read_take(tmp_path / "take.csv", sound)

@@ -7,14 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from cameras_material import Start, collect, opening
-from material import video
+from material import video, wav
 from waiting import wait_until
 
 from sensors.cameras.spec import cameras
 from sensors.cameras.video import DriverLink
-from sensors.clock import MonotonicClock
+from sensors.clock import ManualClock, MonotonicClock
 from sensors.live.source import LiveSource
 from sensors.picture import JpegDecoder
+from sensors.session.files import create
 from sensors.standins.eye_pictures import film, jpeg
 from sensors.standins.mjpeg import FAULTS, MjpegServer
 from sensors.standins.serial_camera import SerialCamera
@@ -212,3 +213,10 @@ def test_bad_specs_are_refused_in_one_line(specs: list[str]) -> None:
     with pytest.raises(InputError) as caught:
         cameras(specs, MonotonicClock())
     assert "\n" not in str(caught.value)
+
+
+def test_a_session_without_eyes_is_no_camera(tmp_path: Path) -> None:
+    """Red before: looked for without an end, while nothing but silence was recorded."""
+    create(tmp_path / "s", wav(tmp_path / "a.wav", 0.1))
+    with pytest.raises(InputError, match=r"expected pictures of eyes, got none in .*; choose"):
+        cameras((f"session:{tmp_path / 's'}",), ManualClock())

@@ -124,3 +124,13 @@ def test_a_full_disk_stops_the_recording_and_keeps_what_was_written(tmp_path: Pa
         assert len(recording.entries) > 5
         assert all(recording.packet(entry) is not None for entry in recording.entries)
     assert resource.getrlimit(resource.RLIMIT_FSIZE)[0] != 1_000_000
+
+
+def test_a_folder_that_cannot_be_made_keeps_nothing(tmp_path: Path) -> None:
+    """Red before: "expected to go on recording ...; what was recorded is kept"."""
+    (tmp_path / "file").touch()
+    told: list[str] = []
+    folder = tmp_path / "file" / "s"
+    recorder = LiveRecorder(folder, created="", devices={}, tell=told.append, alone=True)
+    assert recorder.problem
+    assert told == [f"{folder}: expected to begin recording, got: Not a directory; choose another"]

@@ -149,7 +149,17 @@ def without(folder: Path, stream: bytes) -> None:
     path.write_bytes(b"".join(lines))
 
 
+def swap_sounds(folder: Path) -> None:
+    """The first two packets of sound change places; all counts stay right."""
+    path = folder / "timeline.jsonl"
+    lines = path.read_bytes().splitlines(True)
+    first, second = [k for k, line in enumerate(lines) if b"audio" in line][:2]
+    lines[first], lines[second] = lines[second], lines[first]
+    path.write_bytes(b"".join(lines))
+
+
 BAD_SESSIONS |= {
+    "timeline.jsonl: expected sound from sample 3200 on, got 0": swap_sounds,
     "4800 samples of sound, as session.json counts, got 0": lambda d: shorten(d, lines=slice(0)),
     "4800 samples of sound, as session.json counts, got 3200": lambda d: without(d, b"audio"),
     "3 pictures of eye_right, as session.json counts, got 2": lambda d: without(d, b"eye_right"),
