@@ -108,6 +108,7 @@ def save(
                 if key != "step":
                     panel.plot(curve["step"], values, label=key)
             panel.set(title=name, xlabel="step", yscale="log")
-            panel.legend(fontsize="x-small", ncols=3, loc="upper center", bbox_to_anchor=(0.5, -0.2))
+            below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2)}
+            panel.legend(fontsize="x-small", ncols=3, **below)
         paths.append(figures.save(figure, folder / "losses.png"))
     return paths

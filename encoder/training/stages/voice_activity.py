@@ -62,8 +62,8 @@ class VoiceActivityConfig:
     batch: int = 1500  # frames of each
     rate: float = 1e-3
     drop: float = 0.1  # dropout: share of what is heard that is left out in a step
-    # voices lost | sounds taken for some: 1500 steps, 1 .0055 | .0020, .5 .0039 | .0032; 4000 steps,
-    # .5 .0030 | .0020; 6000 steps, 1 .0034 | .0010
+    # voices lost | sounds taken for some: 1 .0055 | .0020, .5 .0039 | .0032 after 1500 steps;
+    # .5 .0030 | .0020 after 4000; 1 .0034 | .0010 after 6000
     sounds_weight: float = 1.0
 
 
