@@ -32,7 +32,7 @@ def save(
     card = {**card, "sha256": hashlib.sha256(data).hexdigest()}
     text = json.dumps(card, indent=2) + "\n"
     with files.replacing(path.with_suffix(".safetensors"), private=private) as draft:
-        draft.write_bytes(data)
+        files.write_bytes(draft, data, private=private)
         files.write_text(path.with_suffix(".json"), text, private=private)
 
 
