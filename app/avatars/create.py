@@ -29,8 +29,6 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     """Write the avatar into `folder`; -> its weights. `replace`: one of that name may be there.
 
     Raises InputError where the name is taken or not one, or a file is not what it should be."""
-    from dataclasses import replace as with_parts
-
     from render.avatars.hair_transfer import worn
     from render.avatars.maker import Maker
     from render.avatars.photos import complete, dress
@@ -42,13 +40,15 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     maker = Maker()
     maker.check_eye(parts.eye)
     geometry, skin = _head(maker, parts)
+    if parts.photos:
+        geometry = dress.padded(maker, geometry)
     who = maker.identity(name, geometry, skin, parts.eye)
     if lender:
         who = worn(maker, who, lender)
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if bearded:
-        who = with_parts(who, beard=bearded.beard)
+        who = dress.bearded(maker, who, bearded)
     given = {key: _named(value) for key, value in asdict(parts).items()}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)

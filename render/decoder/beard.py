@@ -32,6 +32,10 @@ class Beard:
     def __len__(self) -> int:
         return len(self.corners)
 
+    def take(self, rows: NDArray[np.bool_]) -> "Beard":
+        """Some of the strands, in this order."""
+        return Beard(*(getattr(self, f.name)[rows] for f in fields(Beard)))
+
     def attach(self, vertices: Floats, means: Floats, quats: Floats) -> None:
         """[V, 3] mm -> where the strands are: means [B, 3] mm, quats [B, 4], filled."""
         kernels.attach(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from render import strands
+from render import clothes, strands
 from render.avatars import detail, hairline, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
@@ -16,7 +16,7 @@ from render.training.data.face_data import SKIN_VERTICES
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
-from render.training.look import brows, clothes, eyes, lids, wrinkles
+from render.training.look import brows, eyes, lids, wrinkles
 from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, SWEPT, Recipe
 from render.types import Floats
 
@@ -41,8 +41,8 @@ def make(
     modes = people.leaning_to(face, modes, recipe.feminine)
     bare = people.levelled(face.landmarks, people.relaxed(face, modes, recipe.wide))
     bare = age.aged(face.neutral, face.landmarks, bare, recipe.skin.age)
-    dressed = clothes.worn(face.neutral, bare, assembly.normals(bare))
-    dressed = teeth.set_back(face, dressed)
+    skin = np.arange(len(bare)) < SKIN_VERTICES
+    dressed = teeth.set_back(face, clothes.worn(face.neutral, bare, assembly.normals(bare), skin))
     first, second, mix = recipe.skins
     person = people.VirtualPerson(
         modes, (f"mh_{first}.jpg", f"mh_{second}.jpg"), mix, np.array(recipe.tone, np.float32),
@@ -78,13 +78,14 @@ def make(
         who = shaved(assembly, maker, who, recipe)
     else:
         who = haired(assembly, maker, who, worn, recipe)
-    cloth = clothes.cover(face.neutral, maker.surface)
-    shirt = assembly, vertices, maker.surface.used, who.visibility, recipe.shirt
+    head, used, points = maker.surface, maker.surface.used, face.neutral[maker.surface.used]
+    cloth = clothes.cover(head.interpolate @ points, head.interpolate @ skin[used].astype("f4"))
+    shirt = assembly, vertices, used, who.visibility, recipe.shirt
     return replace(
         who,
         albedo=clothes.dyed(who.albedo, cloth, recipe.shirt, rng),
         gloss=who.gloss * (1 - cloth),
-        visibility=clothes.shaded(who.visibility, face.neutral[maker.surface.used]),
+        visibility=clothes.shaded(who.visibility, points),
         beard=joined([who.beard, hem.collar(*shirt), hem.drape(*shirt)]),
     )
 
@@ -112,10 +113,8 @@ def haired(
     visible = hairline.lit(visible, used, grown.means, grown.seen)
     visible = hairline.cast(visible, used, grown.means)
     skin, normals = vertices[:SKIN_VERTICES], assembly.normals(vertices)[:SKIN_VERTICES]
-    over = [
-        hairline.feet(skin, normals, grown.means, highest)
-        for highest in (hairline.LOW_MM, hairline.LIES_MM)
-    ]
+    tops = hairline.LOW_MM, hairline.LIES_MM
+    over = [hairline.feet(skin, normals, grown.means, highest) for highest in tops]
     albedo = hairline.rooted(albedo, points, grown.means, root)
     below = hairline.rooted(albedo, points, over[0], root)
     albedo += onto(maker, rooted.growing(skin, inside))[:, None] * (below - albedo)

@@ -1,29 +1,64 @@
-"""What photographs of a face do not show: a shirt, and roots under hair, as a shipped person's."""
+"""What photographs of a face do not show: a shirt, and roots under hair, as a shipped person's.
+
+A shirt is thicker than the skin and has a collar and a hem, whose pieces stand on the skin as a
+beard's strands do; so the lender's fit anybody.
+"""
 
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
+from render import clothes
 from render.avatars.maker import Maker
 from render.avatars.photos.complete import NAPE_MM, ramp
 from render.decoder import mesh_parts
+from render.decoder.beard import Beard, joined
 from render.decoder.identity import Identity
 from render.lighting import LUMINANCE
 from render.types import Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
 SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
+COLLAR_MM = 7.0  # above the neckline: up to there are pieces of a shirt, from there on strands
+
+
+def padded(maker: Maker, geometry: Floats) -> Floats:  # [V, 3] mm
+    """As thick as a shirt is where one is worn."""
+    skin = maker.surface_kinds == mesh_parts.SKIN
+    return clothes.worn(maker.template, geometry, maker.normals(geometry), skin)
 
 
 def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
     """With the lender's shirt, and the roots of the hair that is worn."""
-    own = maker.gloss
-    cloth = np.where(own > 0.02, 1 - lender.gloss / np.maximum(own, 0.02), 0).clip(0, 1)
-    skin = maker.anchor_kinds == mesh_parts.SKIN
-    cloth = np.where(skin & ~maker.face, cloth, 0).astype(np.float32)
+    head, points = maker.surface, maker.template[maker.surface.used]
+    skin = (maker.surface_kinds[head.used] == mesh_parts.SKIN).astype(np.float32)
+    cloth = clothes.cover(head.interpolate @ points, head.interpolate @ skin)
     share = np.maximum(cloth, roots(maker, lender)) if len(lender.hair) else cloth
     albedo = who.albedo + share[:, None] * (lender.albedo - who.albedo)
-    return replace(who, albedo=albedo.astype(np.float32), gloss=who.gloss * (1 - cloth))
+    shirt = lender.beard.take(above_neckline(maker, lender.beard) < COLLAR_MM)
+    return replace(
+        who,
+        albedo=albedo.astype(np.float32),
+        gloss=(who.gloss * (1 - cloth)).astype(np.float32),
+        visibility=clothes.shaded(who.visibility, points),
+        beard=joined([who.beard, shirt]),
+    )
+
+
+def bearded(maker: Maker, who: Identity, lender: Identity) -> Identity:
+    """With the lender's beard, without the brows, lashes and shirt."""
+    strands = lender.beard
+    other = np.concatenate([maker.regions[name] for name in ("eyelids", "brows")])
+    grown = above_neckline(maker, strands) >= COLLAR_MM
+    grown &= ~np.isin(strands.corners, other).any(1)
+    return replace(who, beard=joined([who.beard, strands.take(grown)]))
+
+
+def above_neckline(maker: Maker, strands: Beard) -> NDArray[np.float32]:  # [B] mm
+    """How high strands stand."""
+    roots = np.einsum("bij,bi->bj", maker.template[strands.corners], strands.shares)
+    return clothes.height(roots)
 
 
 def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1

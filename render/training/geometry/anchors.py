@@ -6,13 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from render import clothes
 from render.decoder import mesh_parts
 from render.decoder.surface import Surface, build
 from render.training.geometry import mouth_anchors
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.scatter import scatter
 from render.training.geometry.visibility import seen, views
-from render.training.look import clothes
 from render.types import Floats, Gaussians, Ints
 
 # Gaussians a square millimetre, relative to the front of the face.

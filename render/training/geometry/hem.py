@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 from scipy.spatial import KDTree
 
+from render.clothes import height
 from render.decoder import beard as beards
 from render.decoder import mesh_parts
 from render.decoder.beard import Beard
 from render.lighting import STUDIO
 from render.strands import strand_light
 from render.training.geometry.assembly import Assembly
-from render.training.look.clothes import height
 from render.types import Floats
 
 Array = NDArray[np.floating]

@@ -6,10 +6,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from render import clothes
 from render.avatars import hairline
 from render.lighting import LUMINANCE, TOWARDS
 from render.training.data.face_data import EYE_PICTURE_DEG
-from render.training.look import clothes, eyes, lids, skin
+from render.training.look import eyes, lids, skin
 from render.training.look.places import Places, soft
 
 SKIN = np.array([0.7, 0.5, 0.4], np.float32)

@@ -1,9 +1,8 @@
 """A shirt below the neck: the bust ends in cloth, which Maker fades out, instead of in a cut."""
 
 import numpy as np
+from numpy.typing import NDArray
 
-from render.decoder.surface import Surface
-from render.training.data.face_data import SKIN_VERTICES
 from render.types import Floats
 
 FRONT_MM, BACK_MM = -132.0, -112.0  # height of the neckline in front and behind
@@ -24,19 +23,20 @@ def worn(
     neutral: Floats,  # [V, 3] mm of the mean face, as below
     geometry: Floats,  # [V, 3] mm
     normals: Floats,  # [V, 3]
+    skin: NDArray[np.bool_],  # [V]
 ) -> Floats:  # [V, 3]
     """The skin under the shirt pushed out: the cloth has a thickness."""
-    skin = np.arange(SKIN_VERTICES)
     under = np.clip(-height(neutral[skin]) / RAMP_MM, 0, 1)[:, None]
     out = geometry.copy()
     out[skin] += THICK_MM * under * normals[skin]
     return out
 
 
-def cover(neutral: Floats, head: Surface) -> Floats:  # [N] 0..1
+def cover(
+    points: Floats,  # [N, 3] mm on the mean face
+    on_skin: Floats,  # [N] 0..1
+) -> Floats:  # [N] 0..1
     """Which Gaussians lie on the shirt."""
-    on_skin = head.interpolate @ (head.used < SKIN_VERTICES).astype(np.float32)
-    points = head.interpolate @ neutral[head.used]
     return np.clip(0.5 - (height(points) + COLLAR_MM) / 1.2, 0, 1) * (on_skin > 0.99)
 
 

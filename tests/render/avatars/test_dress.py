@@ -1,0 +1,55 @@
+"""What a photographed person wears: the lender's shirt whole, and of a beard's lender the beard."""
+
+import numpy as np
+import pytest
+
+from render.avatars.maker import Maker
+from render.avatars.photos import dress
+from render.decoder import identity, mesh_parts
+
+
+@pytest.fixture(scope="module")
+def maker() -> Maker:
+    return Maker()
+
+
+def test_the_shirt_has_a_collar_on_an_even_line(maker: Maker) -> None:
+    """Red before: cloth was where the lender has no gloss, so its edge was ragged, and ended in
+    nothing."""
+    ben, ada = identity.load("ben"), identity.load("ada")
+    worn = dress.dressed(maker, ben, ada)
+    assert 1000 < len(worn.beard) - len(ben.beard) < 2500
+    added = worn.beard.take(np.arange(len(worn.beard)) >= len(ben.beard))
+    heights = dress.above_neckline(maker, added)
+    assert heights.max() < dress.COLLAR_MM and (np.abs(heights) < 6).sum() > 800
+    head = maker.surface
+    points = head.interpolate @ maker.template[head.used]
+    low = (points[:, 1] < -140) & (maker.anchor_kinds == mesh_parts.SKIN)
+    np.testing.assert_allclose(worn.albedo[low], ada.albedo[low], atol=1e-6)
+    assert not worn.gloss[low].any()
+    high = points[:, 1] > -100
+    np.testing.assert_array_equal(worn.gloss[high], ben.gloss[high])
+
+
+def test_skin_under_a_shirt_is_thicker_and_a_face_is_not(maker: Maker) -> None:
+    geometry = identity.load("lena").geometry
+    moved = np.linalg.norm(dress.padded(maker, geometry) - geometry, axis=1)
+    high = maker.template[:, 1] > -100
+    assert not moved[high].any()
+    assert moved.max() == pytest.approx(2.2, abs=0.01)
+
+
+@pytest.mark.parametrize(("name", "least", "most"), [("hugo", 9000, 13_000), ("ada", 0, 40)])
+def test_a_beard_comes_without_the_brows_and_the_shirt(
+    maker: Maker, name: str, least: int, most: int
+) -> None:
+    """Red before: whoever wore hugo's beard had his brows, lashes and collar, too, and no lashes
+    of their own."""
+    ben = identity.load("ben")
+    worn = dress.bearded(maker, ben, identity.load(name)).beard
+    assert least <= len(worn) - len(ben.beard) <= most
+    for field in ("corners", "offsets"):
+        np.testing.assert_array_equal(getattr(worn, field)[: len(ben.beard)],
+                                      getattr(ben.beard, field))  # fmt: skip
+    grown = worn.take(np.arange(len(worn)) >= len(ben.beard))
+    assert not len(grown) or dress.above_neckline(maker, grown).min() >= dress.COLLAR_MM
