@@ -93,8 +93,8 @@ def run(config: VoiceActivityConfig) -> dict[str, float]:
         people_of(config), config.people, phones,
     )  # fmt: skip
     sounds = hear(
-        config.pack / "activity_sounds.npz", f"{recipe} {config.sounds}", sounds_of(config),
-        config.sounds, phones,
+        config.pack / "activity_sounds.npz", f"{recipe} {config.people} {config.sounds}",
+        sounds_of(config), config.sounds, phones,
     )  # fmt: skip
     metrics, curve = train(direct, people, sounds, config)
     facts = {"without": config.without, **config.run.card(metrics, curve)}

@@ -31,7 +31,7 @@ def typical(maker: Maker) -> Doubles:  # [T, 3]
     ratio = ratios[bright, np.arange(ratios.shape[1])]
     bald = ratios[identity.shipped().index(PLAIN)]
     brows = float(maker.template[maker.regions["brows"], 1].max())
-    _, up, ahead = (maker.surface.interpolate @ maker.template[maker.surface.used]).T
+    _, up, ahead = anchors(maker).T
     behind = ramp(ahead, *BEHIND_MM) * ramp(up, *NAPE_MM)
     scalp = np.maximum(ramp(up - brows, *ABOVE_MM), behind)[:, None]
     ratio = scalp * bald + (1 - scalp) * ratio
@@ -79,3 +79,8 @@ def _spread(values: Doubles, weight: Doubles) -> Doubles:  # [H, W, 3], [H, W]
         out += take[..., None] * blurred / (share[..., None] + 1e-6)
         left += take
     return out
+
+
+def anchors(maker: Maker) -> Floats:  # [N, 3] mm
+    """Where they are on the mean face."""
+    return maker.surface.interpolate @ maker.template[maker.surface.used]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from render import clothes
 from render.avatars.maker import Maker
-from render.avatars.photos.complete import NAPE_MM, ramp
+from render.avatars.photos.complete import NAPE_MM, anchors, ramp
 from render.decoder import mesh_parts
 from render.decoder.beard import Beard, joined
 from render.decoder.identity import Identity
@@ -31,9 +31,9 @@ def padded(maker: Maker, geometry: Floats) -> Floats:  # [V, 3] mm
 
 def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
     """With the lender's shirt, and the roots of the hair that is worn."""
-    head, points = maker.surface, maker.template[maker.surface.used]
+    head = maker.surface
     skin = (maker.surface_kinds[head.used] == mesh_parts.SKIN).astype(np.float32)
-    cloth = clothes.cover(head.interpolate @ points, head.interpolate @ skin)
+    cloth = clothes.cover(anchors(maker), head.interpolate @ skin)
     share = np.maximum(cloth, roots(maker, lender)) if len(lender.hair) else cloth
     albedo = who.albedo + share[:, None] * (lender.albedo - who.albedo)
     shirt = lender.beard.take(above_neckline(maker, lender.beard) < COLLAR_MM)
@@ -41,7 +41,7 @@ def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
         who,
         albedo=albedo.astype(np.float32),
         gloss=(who.gloss * (1 - cloth)).astype(np.float32),
-        visibility=clothes.shaded(who.visibility, points),
+        visibility=clothes.shaded(who.visibility, maker.template[head.used]),
         beard=joined([who.beard, shirt]),
     )
 
@@ -63,10 +63,10 @@ def above_neckline(maker: Maker, strands: Beard) -> NDArray[np.float32]:  # [B] 
 
 def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1
     """Where the lender's scalp has the colour of hair."""
-    head, light = maker.surface, lender.albedo @ LUMINANCE
+    light = lender.albedo @ LUMINANCE
     tone = float(np.median(light[maker.face]))
     dark = np.clip((ROOTS[0] - light / tone) / (ROOTS[0] - ROOTS[1]), 0, 1)
-    _, up, ahead = (head.interpolate @ maker.template[head.used]).T
+    _, up, ahead = anchors(maker).T
     behind = ramp(ahead, *BACK_MM) * ramp(up, *NAPE_MM)
     hairy = np.maximum(ramp(up, *SCALP_MM), behind)
     return (dark * hairy * (maker.anchor_kinds == mesh_parts.SKIN)).astype(np.float32)
