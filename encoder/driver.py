@@ -91,7 +91,10 @@ class Driver:
     def step(
         self, frame: SensorFrame, state: DriverState, timer: Timer = _untimed
     ) -> tuple[DrivenFrame, DriverState]:
-        """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset."""
+        """A gap in the sound is driven as the zeros it holds; time goes on and nothing is reset
+        but what the frame asks for."""
+        for wanted in frame.requests:
+            state = self.recentred(state) if wanted == "recentre" else self.init_state(state.seed)
         listen = partial(self._listen, frame, state, timer)
         if isinstance(state.gaze, EyeState):
             framed = self._framed(frame, state.gaze, timer)

@@ -23,6 +23,8 @@ from sensors.types import (
     HeadPose,
     InputError,
     Packet,
+    Request,
+    RequestPacket,
     SensorFrame,
 )
 
@@ -32,6 +34,7 @@ MAX_FILL = 10 * SAMPLE_RATE  # longer losses (a suspended machine) become 10 s o
 MAX_TIME_ERROR_NS = 2_000_000  # packet times may differ this much from the sample count
 MAX_WAITING_PICTURES = 128  # per eye, when no sound completes a frame; the oldest go first
 MAX_WAITING_POSES = 512
+MAX_REQUESTS = 8  # for one frame; nobody asks so often
 
 
 class Assembler:
@@ -63,6 +66,7 @@ class Assembler:
         self._next_counter: list[int | None] = [None, None]
         self._wishes = deque[EmotionPacket](maxlen=MAX_WAITING_PICTURES)
         self._emotion = ""
+        self._requests: tuple[Request, ...] = ()  # since the last frame
         self._poses = deque[HeadPacket](maxlen=MAX_WAITING_POSES)
         self._pose: HeadPacket | None = None
 
@@ -76,6 +80,8 @@ class Assembler:
             self._push_audio(packet)
         elif isinstance(packet, EmotionPacket):
             self._wishes.append(packet)
+        elif isinstance(packet, RequestPacket):
+            self._requests = (*self._requests, packet.wanted)[-MAX_REQUESTS:]
         elif isinstance(packet, HeadPacket):
             self._poses.append(packet)
         else:
@@ -152,12 +158,13 @@ class Assembler:
                 head_valid=head_valid,
                 head_age_ns=head_age_ns,
                 gaze=self._pose.gaze if self._pose and head_valid else None,
+                requests=self._requests,
             )
         )
         self._index += 1
         self._last_t_ns = t_ns
         self._audio = np.zeros(SAMPLES_PER_FRAME, np.float32)
-        self._fill, self._gap = 0, False
+        self._fill, self._gap, self._requests = 0, False, ()
 
     def _eyes_at(
         self, t_ns: int

@@ -7,7 +7,7 @@ Times are int64 nanoseconds on one monotonic axis; the left eye is index 0. Each
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,6 +54,18 @@ class EmotionPacket:
     words: str
 
 
+Request = Literal["recentre", "reset"]
+REQUESTS: tuple[Request, ...] = ("recentre", "reset")
+
+
+@dataclass(frozen=True, eq=False)
+class RequestPacket:
+    """Asked for once: what is seen now is straight ahead, or the head starts anew."""
+
+    t_ns: int
+    wanted: Request
+
+
 @dataclass(frozen=True)
 class HeadPose:
     """Where a head is: millimetres and a unit quaternion in the axes of the world, +x towards the
@@ -86,7 +98,7 @@ def check_face(weights: Sequence[float]) -> tuple[float, ...]:
     return face
 
 
-Packet = AudioPacket | EyePacket | EmotionPacket | HeadPacket
+Packet = AudioPacket | EyePacket | EmotionPacket | RequestPacket | HeadPacket
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,6 +117,7 @@ class SensorFrame:
     head_valid: bool = False  # that pose is fresh enough to be trusted
     head_age_ns: int = -1  # t_ns minus the pose's time; -1 where there is none
     gaze: tuple[float, float, float] | None = None  # that came with a valid pose; unit, in the head
+    requests: tuple[Request, ...] = ()  # done before this frame is driven, in their order
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,21 @@
 """A recorded session, driven from its first packet to its last, or over and over for a page."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from app.compose.build import build, load_driver
 from app.compose.live import open_page, tell
 from app.compose.report import report
-from app.compose.settings import DriveSettings
+from app.compose.settings import HEAD_MODE, DriveSettings, HeadMode
 from app.drive.calibration import of_session
 from app.drive.loop import drive
 from app.drive.sink import Sink
 
 if TYPE_CHECKING:
     from sensors.session.playback import Playback
+    from sensors.session.recording import Recording
 
 
 def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -> dict[str, Any]:
@@ -24,6 +26,7 @@ def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -
 
     recording, clock = Recording(session), MonotonicClock()
     recording.check_frames()
+    settings = as_recorded(settings, recording)
     driver = load_driver(settings, bool(recording.eyes), of_session(recording))
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
@@ -45,6 +48,7 @@ def play(
 
     recording, clock = Recording(session), MonotonicClock()
     recording.check_frames()
+    settings = as_recorded(settings, recording)
     page = open_page(settings, clock)
     assert page is not None
     link = page.link
@@ -60,3 +64,11 @@ def play(
     tell("the session begins when somebody opens the page, and begins anew at its end")
     controlled(source)
     return report(settings, parts, drive(parts))
+
+
+def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSettings:
+    """A head that is to move as recorded does what it did in the run, also where its tracker
+    paused; older sessions, and those of `record`, do not say what that was."""
+    mode = recording.card.get("calibration", {}).get(HEAD_MODE)
+    known = settings.head == "auto" and mode in get_args(HeadMode)
+    return replace(settings, head=mode) if known else settings

@@ -12,6 +12,7 @@ MAX_SIZE = 4096  # px
 WantedCondition = Literal["auto", "gaze", "eyes"]
 Device = Literal["auto", "cpu", "cuda"]
 HeadMode = Literal["auto", "synth", "track", "still"]
+HEAD_MODE = "head"  # of a live run, beside the calibration of a session
 XrMode = Literal["auto", "headless"]
 HEAD_MODES = ("auto", "synth", "still")  # words of --head; anything else is a tracker
 Switch = Literal["auto", "on", "off"]

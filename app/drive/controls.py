@@ -1,12 +1,12 @@
 """Controls of a running head; the loop reads them at the start of every tick."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
 
-from sensors.types import AudioPacket, Packet
+from sensors.types import AudioPacket, Packet, Request, RequestPacket
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,26 @@ class Panel:
                     if other is not place:
                         other.show(shared)
         return self._controls
+
+
+class RequestControl:
+    """What the controls ask for once becomes a packet, so that a replay does it at the same frame.
+
+    controls -> RequestPacket among the packets -> recording, Assembler -> Driver
+    """
+
+    def __init__(self) -> None:
+        self._done: dict[Request, int] = {"reset": 0, "recentre": 0}
+
+    def inject_requests(self, packets: Iterable[Packet], controls: Controls) -> Iterator[Packet]:
+        """The packets, with what is new before the first of them."""
+        asked: dict[Request, int] = {"reset": controls.resets, "recentre": controls.recentred}
+        for packet in packets:
+            for wanted, times in asked.items():
+                if times > self._done[wanted]:
+                    yield RequestPacket(packet.t_ns, wanted)
+            self._done = asked
+            yield packet
 
 
 def muted(packet: Packet) -> Packet:

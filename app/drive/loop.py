@@ -13,13 +13,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from app.drive.controls import ControlPanel, Controls, muted
+from app.drive.controls import ControlPanel, Controls, RequestControl, muted
 from app.drive.emotion import EmotionControl
 from app.drive.sink import FrameResult, RunInfo, Sink
 from app.drive.stages import Stages
 from app.drive.view import View
 from encoder.driver import Driver
-from encoder.types import DriverState
 from sensors.assemble import Assembler
 from sensors.types import FPS, NS, Clock, Packet, Source
 
@@ -60,7 +59,7 @@ def drive(parts: Drive) -> Summary:
     """Run until the source is exhausted, the panel is closed or Ctrl-C; every part is closed."""
     source, driver, clock, stages = parts.source, parts.driver, parts.clock, parts.stages
     summary, state, assembler = Summary(), driver.init_state(parts.seed), Assembler()
-    controls, emotions = Controls(avatar=""), EmotionControl()  # as they were applied
+    controls, emotions, requests = Controls(avatar=""), EmotionControl(), RequestControl()
     with _running(parts):
         start_ns = clock.now_ns()
         live = source.info.duration_ns is None
@@ -69,14 +68,15 @@ def drive(parts: Drive) -> Summary:
             if parts.realtime:
                 clock.sleep_until_ns(wake_ns)
             if parts.panel:
-                wanted = parts.panel.read()
-                if wanted.closed:
+                controls = parts.panel.read()
+                if controls.closed:
                     break
-                state = apply_controls(parts, wanted, controls, state)
-                controls = wanted
+                if parts.view:
+                    parts.view.show(controls.avatar)
             with stages("tick"):
                 with stages("assemble"):
-                    for packet in emotions.inject_emotion(source.poll(), controls.emotion):
+                    polled = emotions.inject_emotion(source.poll(), controls.emotion)
+                    for packet in requests.inject_requests(polled, controls):
                         heard = muted(packet) if controls.muted else packet
                         if parts.record:
                             parts.record(heard)
@@ -102,19 +102,6 @@ def drive(parts: Drive) -> Summary:
             end_ns = frames[-1].t_ns if live else start_ns + summary.frames * NS // FPS
             wake_ns = due_ns = min(end_ns, clock.now_ns()) + NS // FPS  # no far future
     return summary
-
-
-def apply_controls(
-    parts: Drive, wanted: Controls, before: Controls, state: DriverState
-) -> DriverState:
-    """Do what has been asked for since `before`; the driver's state after it."""
-    if wanted.resets > before.resets:
-        state = parts.driver.init_state(parts.seed)
-    if wanted.recentred > before.recentred:
-        state = parts.driver.recentred(state)
-    if parts.view:
-        parts.view.show(wanted.avatar)
-    return state
 
 
 @contextmanager

@@ -20,6 +20,7 @@ from sensors.session.format import (
     EYE_FILES,
     TIMELINE_FILE,
     EmotionEntry,
+    RequestEntry,
 )
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
@@ -109,6 +110,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "audio_lost_samples": missing,
             "eyes": {EYE_NAMES[eye]: _eye_info(s) for eye, s in recording.eyes.items()},
             "emotions": sum(isinstance(entry, EmotionEntry) for entry in recording.entries),
+            "requests": sum(isinstance(entry, RequestEntry) for entry in recording.entries),
             "head_poses": len(recording.heads),
             "head_faces": sum(entry.face is not None for entry in recording.heads),
             "repaired": bool(recording.card.get("repaired", False)),

@@ -4,7 +4,7 @@ session.json    version, created, devices, codecs, calibration and the `closed` 
 audio.wav       48 kHz mono, exactly the samples that arrived (lost sound is only in the timeline)
 eye_left.mkv    one picture a packet, 400 x 400; eye_right.mkv likewise; both optional
 timeline.jsonl  the truth: one line a packet in order of arrival, times in integer nanoseconds;
-                head poses and emotions are in it whole
+                head poses, emotions and requests are in it whole
 """
 
 import json
@@ -15,7 +15,17 @@ from typing import Any, cast
 
 from sensors import files, rotation
 from sensors.rotation import Vector
-from sensors.types import EYE_NAMES, EYE_SIZE, NS, SAMPLE_RATE, HeadPose, InputError, check_face
+from sensors.types import (
+    EYE_NAMES,
+    EYE_SIZE,
+    NS,
+    REQUESTS,
+    SAMPLE_RATE,
+    HeadPose,
+    InputError,
+    Request,
+    check_face,
+)
 
 FORMAT = "livedrive-session"
 VERSION = 1
@@ -57,6 +67,14 @@ class EmotionEntry:
 
 
 @dataclass(frozen=True, slots=True)
+class RequestEntry:
+    """One request packet; all of it is in the timeline."""
+
+    t_ns: int
+    wanted: Request
+
+
+@dataclass(frozen=True, slots=True)
 class HeadEntry:
     """One head packet; all of it is in the timeline."""
 
@@ -67,7 +85,7 @@ class HeadEntry:
     face: tuple[float, ...] | None = None
 
 
-Entry = AudioEntry | EyeEntry | EmotionEntry | HeadEntry
+Entry = AudioEntry | EyeEntry | EmotionEntry | RequestEntry | HeadEntry
 
 
 def end_ns(entry: Entry) -> int:
@@ -160,6 +178,8 @@ def entry_line(entry: Entry) -> bytes:
         }
     elif isinstance(entry, EmotionEntry):
         fields = {"stream": "emotion", "t_ns": entry.t_ns, "words": entry.words}
+    elif isinstance(entry, RequestEntry):
+        fields = {"stream": "request", "t_ns": entry.t_ns, "wanted": entry.wanted}
     elif isinstance(entry, HeadEntry):
         fields = {
             "stream": "head",
@@ -171,12 +191,9 @@ def entry_line(entry: Entry) -> bytes:
         fields |= {} if entry.gaze is None else {"gaze": entry.gaze}
         fields |= {} if entry.face is None else {"face": entry.face}
     else:
-        fields = {
-            "stream": f"eye_{EYE_NAMES[entry.eye]}",
-            "t_ns": entry.t_ns,
-            "counter": entry.counter,
-            "picture": entry.picture,
-        }
+        stream, counter = f"eye_{EYE_NAMES[entry.eye]}", entry.counter
+        fields = {"stream": stream, "t_ns": entry.t_ns, "counter": counter}
+        fields["picture"] = entry.picture
     return json.dumps(fields, separators=(",", ":")).encode() + b"\n"
 
 
@@ -204,13 +221,15 @@ def _entry(fields: dict[str, Any]) -> Entry:
     stream = fields["stream"]
     if stream == "audio":
         first, num, offset = fields["first_sample"], fields["num_samples"], fields["offset"]
-        gap = bool(fields["gap"])
-        entry: Entry = AudioEntry(_whole(fields["t_ns"]), _whole(first), num, offset, gap)
+        t_ns, gap = _whole(fields["t_ns"]), bool(fields["gap"])
+        entry: Entry = AudioEntry(t_ns, _whole(first), num, offset, gap)
         if _whole(num) < 0 or _whole(offset) < 0:
             raise ValueError("negative count")
         return entry
     if stream == "emotion":
         return EmotionEntry(_whole(fields["t_ns"]), str(fields["words"]))
+    if stream == "request":
+        return RequestEntry(_whole(fields["t_ns"]), REQUESTS[REQUESTS.index(fields["wanted"])])
     if stream == "head":
         pose = rotation.checked(fields["position"], fields["quat"])
         gaze = rotation.direction(fields["gaze"]) if "gaze" in fields else None

@@ -4,20 +4,20 @@ Flow: Source.poll -> RecordingWriter (raw packets, before assembly) -> folder ->
 ReplaySource. `kill -9` while recording loses at most the last 100 ms; the next `Recording` repairs.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from sensors import files
 from sensors.assemble import MAX_FILL, check_audio, check_eye
 from sensors.session import format as fmt
+from sensors.session.counts import check_counts, count
 from sensors.session.eye_video import EYE_CODECS, EyeVideoWriter
-from sensors.session.format import AudioEntry, EmotionEntry, EyeEntry, HeadEntry
+from sensors.session.format import AudioEntry, EmotionEntry, EyeEntry, HeadEntry, RequestEntry
 from sensors.session.repair import lock, repair
 from sensors.session.streams import AudioStream, EyeStream
 from sensors.session.wav import FORMATS, WavWriter
 from sensors.types import (
-    EYE_NAMES,
     FPS,
     SAMPLES_PER_FRAME,
     AudioPacket,
@@ -25,6 +25,7 @@ from sensors.types import (
     HeadPacket,
     InputError,
     Packet,
+    RequestPacket,
     SourceInfo,
 )
 
@@ -40,7 +41,7 @@ class Recording:
         if not self.card.get("closed"):
             self.card = repair(self.folder, self.card)
         self.entries = fmt.read_timeline(self.folder, closed=True)
-        _check_counts(self.folder, self.card, self.entries)
+        check_counts(self.folder, self.card, self.entries)
         self.heads = [e for e in self.entries if isinstance(e, HeadEntry)]
         sounds = [e for e in self.entries if isinstance(e, AudioEntry)]
         self.audio = AudioStream(self.folder / fmt.AUDIO_FILE, sounds)
@@ -104,6 +105,8 @@ class Recording:
             return self.audio.packet(entry)
         if isinstance(entry, EmotionEntry):
             return EmotionPacket(entry.t_ns, entry.words)
+        if isinstance(entry, RequestEntry):
+            return RequestPacket(entry.t_ns, entry.wanted)
         if isinstance(entry, HeadEntry):
             return HeadPacket(entry.t_ns, entry.pose, entry.valid, entry.gaze, entry.face)
         return self.eyes[entry.eye].packet(entry)
@@ -177,6 +180,8 @@ class RecordingWriter:
             entry: fmt.Entry = AudioEntry(packet.t_ns, first, num, offset, packet.gap)
         elif isinstance(packet, EmotionPacket):
             entry = EmotionEntry(packet.t_ns, packet.words)
+        elif isinstance(packet, RequestPacket):
+            entry = RequestEntry(packet.t_ns, packet.wanted)
         elif isinstance(packet, HeadPacket):
             entry = HeadEntry(packet.t_ns, packet.pose, packet.valid, packet.gaze, packet.face)
         else:
@@ -187,7 +192,7 @@ class RecordingWriter:
             picture = self._eyes[packet.eye].append(packet.image, packet.t_ns - self._start_ns)
             entry = EyeEntry(packet.t_ns, packet.eye, packet.counter, picture)
         self._timeline.write(fmt.entry_line(entry))
-        _count(self._counts, entry)
+        count(self._counts, entry)
 
     def close(self) -> None:
         """Finish all files and mark the session closed; calling it twice is harmless."""
@@ -206,41 +211,6 @@ class RecordingWriter:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _count(counts: dict[str, int], entry: fmt.Entry) -> None:
-    """Add one line, of sound its samples, under the names of the card."""
-    if isinstance(entry, AudioEntry):
-        name, number = "audio", entry.num_samples
-    elif isinstance(entry, EyeEntry):
-        name, number = f"eye_{EYE_NAMES[entry.eye]}", 1
-    else:
-        name, number = "emotion" if isinstance(entry, EmotionEntry) else "head", 1
-    counts[name] = counts.get(name, 0) + number
-
-
-def _check_counts(folder: Path, card: Mapping[str, Any], entries: Iterable[fmt.Entry]) -> None:
-    """Raises InputError where the timeline holds other than the card counted when it was closed.
-
-    A repaired card counts the media, which may hold more than the lines that were saved.
-    """
-    if card.get("repaired"):
-        return
-    found: dict[str, int] = {}
-    for entry in entries:
-        _count(found, entry)
-    for name, expected in card.get("counts", {}).items():
-        if found.get(name, 0) != expected:
-            kinds = {
-                "audio": "samples of sound",
-                "emotion": "emotions",
-                "head": "poses of the head",
-            }
-            what = kinds.get(name, f"pictures of {name}")
-            raise InputError(
-                f"{folder / fmt.TIMELINE_FILE}: expected {expected} {what}, as {fmt.CARD_FILE} "
-                f"counts, got {found.get(name, 0)}; restore the file"
-            )
 
 
 def _check_choice(name: str, value: str, choices: tuple[str, ...]) -> None:

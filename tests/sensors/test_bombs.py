@@ -72,6 +72,8 @@ def test_a_video_of_huge_pictures_is_refused(tmp_path: Path) -> None:
         {"stream": "audio", "t_ns": 0, "first_sample": 0, "num_samples": True, "offset": 0},
         {"stream": "eye_left", "t_ns": 0, "counter": -(10**30), "picture": 0},
         {"stream": ["audio"], "t_ns": 0},
+        {"stream": "request", "t_ns": 0, "wanted": "rm"},
+        {"stream": "request", "t_ns": 0, "wanted": ["reset"]},
         ["audio"],
         "[" * 100_000,
     ],

@@ -48,6 +48,7 @@ def timeline(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
         session_format.AudioEntry(0, 0, 480, 0, False),
         session_format.EyeEntry(1, 0, 0, 0),
         session_format.EmotionEntry(2, "happy:0.7"),
+        session_format.RequestEntry(2, "recentre"),
         session_format.HeadEntry(3, pose, True),
     )
     lines = b"".join(session_format.entry_line(entry) for entry in entries)

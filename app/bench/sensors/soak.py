@@ -115,7 +115,7 @@ def _run(
     """As `livedrive run` does it."""
     from app.compose.build import build, load_driver
     from app.compose.live import live_source, open_page, open_recorder
-    from app.compose.settings import LiveSettings
+    from app.compose.settings import HEAD_MODE, LiveSettings
     from app.drive.loop import drive
     from app.drive.tape import Tape
     from sensors.clock import MonotonicClock
@@ -125,7 +125,8 @@ def _run(
     assert page is not None
     live = LiveSettings(mic=mic, eyes=tuple(eyes), head=head, seconds=seconds)
     source = live_source(live, clock, page)
-    tape = Tape(session, lambda folder: open_recorder(folder, source))
+    known = {HEAD_MODE: settings.head}
+    tape = Tape(session, lambda folder: open_recorder(folder, source, known))
     try:
         parts = build(
             settings,

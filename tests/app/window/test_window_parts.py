@@ -93,13 +93,12 @@ class Steps:
         return 0
 
     def step(self, frame, state, timer):  # noqa: ANN001, ANN201
+        for wanted in frame.requests:
+            state = 0 if wanted == "reset" else 100 + state
         code = np.array([state, frame.audio.max()], np.float32)
         return DrivenFrame(frame.index, frame.t_ns, code, AHEAD), state + 1
 
     def close(self) -> None: ...
-
-    def recentred(self, state: int) -> int:
-        return 100 + state
 
 
 class Keep:

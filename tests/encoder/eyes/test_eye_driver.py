@@ -115,6 +115,21 @@ def test_recentring_moves_the_gaze() -> None:
     assert np.abs(after[-1].mean(0)[:2]).max() < 1e-3
 
 
+def test_a_frame_that_asks_for_it_recentres_or_starts_anew() -> None:
+    d, eyes, valid = driver(), pictures(3), np.ones((3, 2), bool)
+    _, _, state = drive(d, eyes, valid)
+    frame = driver_material.sensor_frame(3, driver_material.sound(1)[0])
+    frame = replace(frame, eyes=eyes[0], eyes_valid=valid[0])
+    for wanted, same in (("recentre", d.recentred(state)), ("reset", d.init_state(state.seed))):
+        asked, _ = d.step(replace(frame, requests=(wanted,)), state)
+        plain, _ = d.step(frame, same)
+        unasked, _ = d.step(frame, state)
+        assert np.array_equal(asked.gaze, plain.gaze) and not np.array_equal(
+            asked.gaze, unasked.gaze
+        )
+        assert np.array_equal(asked.expression, plain.expression)
+
+
 def test_timer_sees_the_eyes() -> None:
     d, timer = driver(), driver_material.StageNames()
     frame = driver_material.sensor_frame(0, driver_material.sound(1)[0])
