@@ -12,7 +12,7 @@ from PIL import Image
 
 from app.avatars import register
 from app.commands.avatar import CreateAvatar
-from render.avatars import registration
+from render.avatars import detail, registration
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.cameras import portrait
@@ -23,6 +23,12 @@ from render.types import AHEAD
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
+
+
+@pytest.fixture(autouse=True)
+def _quick_colours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """How sharp colours are is judged in tests/render/avatars/test_detail.py."""
+    monkeypatch.setattr(detail, "STEPS", 1)
 
 
 @pytest.fixture
@@ -44,8 +50,12 @@ def test_a_scan_becomes_an_avatar_with_hair_and_a_card(files: dict[str, Path]) -
     assert '"geometry": "g.npz"' in (files["out"] / "avatar_me.json").read_text()
 
 
-def test_nobody_is_replaced_unasked(files: dict[str, Path]) -> None:
+def test_nobody_is_replaced_unasked(
+    files: dict[str, Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Red before: `create ben` took the place of the shipped one."""
+    made = replace(identity.load("kofi"), name="me")
+    monkeypatch.setattr(Maker, "identity", lambda *_: made)  # how it is made is tested above
     with pytest.raises(InputError, match="shipped avatar, ben; choose another"):
         CreateAvatar(name="ben", **files).run()
     ada = identity.load("ada")
