@@ -42,9 +42,9 @@ def eyes() -> np.ndarray:
 
 
 def followed(made: EyeFraming, ticks: int, state: FramingState | None = None) -> FramingState:
-    state = state or new_framing()
+    state, shown = state or new_framing(), eyes()
     for _ in range(ticks):
-        _, state = made.step(eyes(), state)
+        _, state = made.step(shown, state)
     return state
 
 
