@@ -108,8 +108,8 @@ def _parsed(words: list[str]) -> Command:
             raise
         names = _names(Command, words)
         said = refusals.one_line(told.getvalue(), " ".join(names))
-        option = re.search(r"--[\w-]+", said)
-        where = f"mend {profile.path()}; " if option and option[0] in {*kept} - {*words} else ""
+        theirs = ({*kept} - {*words}).intersection(re.findall(r"[\w-]+", said))
+        where = f"mend {profile.path()}; " if theirs else ""
         raise InputError(f"{said}; {where}see: {shlex.join(['livedrive', *names, '-h'])}") from None
 
 

@@ -7,10 +7,14 @@ import io
 import os
 import signal
 import sys
+import threading
+from _thread import interrupt_main
 from collections.abc import Generator
 from contextlib import contextmanager
+from types import FrameType
 from typing import Any
 
+LOCKS = ("llvmlite.binding.ffi", "numba.core.compiler_lock")
 FIRST_STEPS = """\
 livedrive replay recordings/demo --window    a recorded session as a talking head
 livedrive devices                            what is here, and what to type
@@ -67,12 +71,25 @@ def _ctrl_c_ends_at_once() -> Generator[None]:
 @contextmanager
 def _ends_as_on_ctrl_c() -> Generator[None]:
     """For `kill` and a terminal that is closed: files are finished and drafts of them removed."""
-    numbers = [getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP")]  # none on Windows
-    ours = [number for number in numbers if number and signal.getsignal(number) == signal.SIG_DFL]
+    numbers = [getattr(signal, name, None) for name in ("SIGINT", "SIGTERM", "SIGHUP")]
+    before = {number: signal.getsignal(number) for number in numbers if number}  # no HUP on Windows
+    usual = (signal.SIG_DFL, signal.default_int_handler)
+    ours = {number: handler for number, handler in before.items() if handler in usual}
     for number in ours:
-        signal.signal(number, signal.default_int_handler)
+        signal.signal(number, _interrupt)
     try:
         yield
     finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
+        for number, handler in ours.items():
+            signal.signal(number, handler)
+
+
+def _interrupt(number: int, frame: FrameType | None) -> None:
+    """A moment later where numba takes a lock: it would keep it for ever, and helpers that load a
+    loop would wait for it."""
+    while frame:
+        if frame.f_globals.get("__name__") in LOCKS:
+            threading.Timer(0.01, interrupt_main, (number,)).start()
+            return
+        frame = frame.f_back
+    raise KeyboardInterrupt

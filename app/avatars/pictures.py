@@ -1,5 +1,6 @@
 """Pictures and films of avatars, drawn without a session."""
 
+import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -53,8 +54,7 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
         shoot = _camera(renderer, settings)
         views = [shoot(cloud, yaw) for yaw in (0.0, 35.0, 65.0)]
     else:
-        names = identity.names() if name == "all" else [name]
-        people = [identity.load(name) for name in names]
+        people = everybody() if name == "all" else [identity.load(name)]
         renderer = create_renderer()
         shoot = _camera(renderer, settings)
         decoder = Decoder.load(gaussians=settings.gaussians, light=settings.light)
@@ -65,6 +65,19 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
     with files.replacing(path) as draft:
         Image.fromarray(sheet.grid(views, columns)).save(draft)
     renderer.close()
+
+
+def everybody() -> "list[Identity]":
+    """All but those whose files are damaged, which are told."""
+    from render.decoder import identity
+
+    people = list["Identity"]()
+    for name in identity.names():
+        try:
+            people.append(identity.load(name))
+        except InputError as error:
+            print(f"livedrive: {name} is left out: {error}", file=sys.stderr)
+    return people
 
 
 def _check(name: str, settings: PictureSettings) -> None:

@@ -65,7 +65,7 @@ def _file(job: tuple[Path, int, tuple[int, ...]]) -> None:
     folder, number, seed = job
     rng = np.random.default_rng(seed)
     _renderer = _renderer or NearEye(Decoder.load(), size_px=SIZE_PX)
-    people = [identity.load(name) for name in identity.names()]
+    people = [identity.load(name) for name in identity.shipped()]
     rows: dict[str, list[Any]] = {}
     for person in range(usual.PEOPLE_A_FILE):
         look = Look.draw(rng)

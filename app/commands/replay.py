@@ -40,7 +40,8 @@ class Replay(DriveOptions):
         if self.fast and (self.realtime or shown):
             other = "--realtime" if self.realtime else "--window" if self.window else "--xr"
             raise InputError(f"pace: expected --fast or {other}, got both; give one")
-        for out in (self.video, self.motion, self.arkit, self.report):
+        files = (self.video, self.motion, self.arkit, self.report)
+        for out in (*files, self.pictures, self.ply, self.gltf):
             if out:
                 check_apart(self.session, out)
         from app.compose.replay import replay

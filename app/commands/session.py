@@ -73,7 +73,7 @@ class CreateSession:
             print(f"warning: {warning}")
         if not made["frames"]:
             print(f"warning: {audio}: shorter than one frame (1/30 s); nothing to replay")
-        print(json.dumps(made, indent=2))
+        print(json.dumps(made, indent=2, ensure_ascii=False))
         if made["frames"]:
             words = ["livedrive", "replay", str(self.folder), "--video", "out.mp4"]
             print(f"next: {shlex.join(words)}")
@@ -89,7 +89,7 @@ class SessionInfo:
     def run(self) -> None:
         from sensors.session import files as session
 
-        print(json.dumps(session.info(self.folder), indent=2))
+        print(json.dumps(session.info(self.folder), indent=2, ensure_ascii=False))
 
 
 @dataclass(kw_only=True)
@@ -112,7 +112,7 @@ class ExportSession:
             made = export(self.folder, self.out, drop=self.drop, progress=update)
         for warning in made.pop("warnings"):
             print(f"warning: {warning}")
-        print(json.dumps(made, indent=2))
+        print(json.dumps(made, indent=2, ensure_ascii=False))
 
 
 @dataclass(kw_only=True)

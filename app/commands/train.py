@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from shlex import quote
 from typing import Annotated, Literal
 
 from tyro.conf import Positional
@@ -70,44 +69,38 @@ class Train:
     """Compile the networks first: takes minutes, pays off on a GPU."""
 
     def run(self) -> None:
-        if self.stage == "prior":
-            from render.decoder.learned import weights_file
-            from render.training import prior
-
-            out = self.out or weights_file.FOLDER
-            work = self.data / f"prior_{self.preset}"
-            prior.run(self.face, out, self.preset, work, self.take, self.seed, self.device)
-            print(f"next: livedrive eval prior --face {quote(str(self.face))}")
-        elif self.stage == "landmarks":
+        if self.stage == "landmarks":
             from app.train.landmarks import make_shapes, make_table
 
             make_table(self.out)
             if self.face.is_dir():
                 make_shapes(self.face, self.out)
-        else:
-            from app.train.next_step import next_command
-            from app.train.stages import run_stage
-            from encoder.training import parallel
+            return
+        from app.train.next_step import next_command
+        from app.train.stages import run_stage
+        from encoder.training import parallel
 
-            settings = TrainSettings(
-                stage=self.stage,
-                preset=self.preset,
-                variant=self.variant,
-                name=self.name,
-                leave_out=self.leave_out,
-                teacher=self.teacher,
-                phones=self.phones,
-                resume=self.resume,
-                start=self.start,
-                steps=self.steps,
-                data=self.data,
-                stream_minutes=self.stream_minutes,
-                out=self.out,
-                seed=self.seed,
-                device=self.device,
-                precision=self.precision,
-                compile=self.compile,
-            )
-            run_stage(settings)
-            if parallel.join(settings.device).leads:
-                print(f"next: {next_command(settings)}")
+        settings = TrainSettings(
+            stage=self.stage,
+            preset=self.preset,
+            variant=self.variant,
+            name=self.name,
+            leave_out=self.leave_out,
+            teacher=self.teacher,
+            phones=self.phones,
+            resume=self.resume,
+            start=self.start,
+            steps=self.steps,
+            face=self.face,
+            take=self.take,
+            data=self.data,
+            stream_minutes=self.stream_minutes,
+            out=self.out,
+            seed=self.seed,
+            device=self.device,
+            precision=self.precision,
+            compile=self.compile,
+        )
+        run_stage(settings)
+        if parallel.join(settings.device).leads:
+            print(f"next: {next_command(settings)}")

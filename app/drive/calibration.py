@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sensors import files, folders
+from sensors.session.format import CARD_FILE
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -70,7 +71,8 @@ def of_session(recording: "Recording") -> "EyeCalibration | None":
     words: Any = kept.get("eyes") if isinstance(kept, dict) else None  # pyright: ignore
     if not isinstance(words, dict):
         return None
-    return EyeCalibration.from_json(words, f"of {recording.folder}")  # pyright: ignore
+    cure = f"restore {CARD_FILE}, or take its calibration of eyes out, to replay without"
+    return EyeCalibration.from_json(words, f"of {recording.folder}", cure)  # pyright: ignore
 
 
 def in_session(driver: "Driver") -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """A view turns a driven frame into a picture: decoder, identity and renderer of one avatar."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import Protocol
 
 import numpy as np
@@ -12,7 +12,7 @@ from render.decoder import identity
 from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.decoder.identity import Identity
 from render.types import AHEAD, Camera, Gaussians, Renderer
-from sensors.types import HeadPose
+from sensors.types import HeadPose, InputError
 
 TURNED = HeadPose(quat=(0.96, 0.0, 0.28, 0.0))  # goes all the ways that a head at rest spares
 Timer = Callable[[str], AbstractContextManager[object]]
@@ -78,7 +78,9 @@ class PortraitView:
 
     def show(self, avatar: str) -> None:
         if avatar != self._shown:
-            self._identity, self._shown = identity.load(avatar), avatar
+            self._shown = avatar
+            with suppress(InputError):  # a damaged file: the old one stays, as at window and page
+                self._identity = identity.load(avatar)
 
     def close(self) -> None:
         self._renderer.close()

@@ -34,6 +34,9 @@ def next_command(settings: TrainSettings) -> str:
         elif settings.out:
             words += ["--out", str(settings.out)]
         return f"livedrive {join(words)}"
+    if stage == "prior":
+        take = ["--take", str(settings.take)] if settings.take else []
+        return f"livedrive {join(['eval', 'prior', '--face', str(settings.face), *take])}"
     words = EVALUATE[stage].replace("DATA", data)
     own = stage in WEIGHED and settings.out
     return f"livedrive {words}" + (f" --weights {quote(str(settings.out))}" if own else "")

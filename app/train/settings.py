@@ -32,6 +32,8 @@ class TrainSettings:
     resume: bool = False
     start: Path | None = None  # folder with weights to start from
     steps: int | None = None  # instead of the preset's
+    face: Path = Path("face")  # of the stage prior: folder of the face data
+    take: Path | None = None  # of the stage prior: a Live Link Face table
     data: Path = Path("data")  # data pack of `livedrive capture`
     stream_minutes: float | None = None  # of sound that a stage after audio learns from
     out: Path | None = None  # folder for weights; None: where the app looks for them

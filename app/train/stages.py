@@ -1,4 +1,4 @@
-"""The encoder's training stages. Every ablation of the paper is one row of VARIANTS."""
+"""The training stages. Every ablation of the paper is one row of VARIANTS."""
 
 import subprocess
 from pathlib import Path
@@ -46,6 +46,9 @@ def run_stage(settings: TrainSettings) -> None:
 
     overrides = _overrides(settings)
     _check_name(settings)
+    if settings.stage == "prior":
+        _run_prior(settings)
+        return
     torch.set_num_threads(1)
     folder = settings.data if settings.variant == "none" else settings.data / settings.variant
     if settings.leave_out:
@@ -81,6 +84,16 @@ def run_stage(settings: TrainSettings) -> None:
         run_listen_stage(settings, folder, run, overrides)
     else:
         _run_motion(settings, folder, run, overrides)
+
+
+def _run_prior(settings: TrainSettings) -> None:
+    from render.decoder.learned import weights_file
+    from render.training import prior
+
+    out, work = settings.out or weights_file.FOLDER, settings.data / f"prior_{settings.preset}"
+    prior.run(
+        settings.face, out, settings.preset, work, settings.take, settings.seed, settings.device
+    )
 
 
 def _run_motion(

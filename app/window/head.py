@@ -79,16 +79,21 @@ class HeadView:
         self._context, self._size = context, size
         self.decoder = Decoder.load(gaussians=gaussians)
         self.company = None if seats is None else Company(self.decoder, Seats(seats))
-        self.identity = identity.load(avatar)
+        self.identity, self._chosen = identity.load(avatar), avatar
         self._renderer = wrap_context(context)
         gl: Any = context.gl
         self._program = gl.program(vertex_shader=VERTEX, fragment_shader=FRAGMENT)
         self._triangle = gl.vertex_array(self._program, [])
         self._texture: Any = gl.texture((1, 1), 4)
 
-    def choose(self, avatar: str) -> None:
-        if avatar != self.identity.name:
-            self.identity = identity.load(avatar)
+    def choose(self, avatar: str) -> bool:
+        """Whether another one is to be drawn from now on. Raises InputError, once, where its file
+        is damaged; the old one stays."""
+        if avatar == self._chosen:
+            return False
+        self._chosen = avatar
+        self.identity = identity.load(avatar)
+        return True
 
     def draw(self, expression: Code, gaze: Code, head: Code, orbit: Orbit, view: Rect) -> None:
         """Draw the head for a view of this size; a CPU draws fewer pixels and scales them up."""

@@ -24,7 +24,7 @@ from app.window.state.window_state import State
 from render.cameras import Orbit
 from render.types import AHEAD
 from sensors import files
-from sensors.types import EYE_SIZE
+from sensors.types import EYE_SIZE, InputError
 
 DEGREES_PER_PX, ZOOM_PER_STEP = 0.35, 1.1
 CHROME_S = 2.5  # with hidden panels the toolbar shows this long after the mouse has moved
@@ -139,9 +139,11 @@ class Window:
     def _draw_head(self, view: Rect, window: tuple[int, int]) -> tuple[Code, Code] | None:
         """View and window in pixels; returns the expression and gaze that were drawn."""
         state, head = self.state, self._head
-        if state.avatar != head.identity.name:
-            head.choose(state.avatar)
-            self._marks = EyeMarks(head.decoder, head.identity)
+        try:
+            if head.choose(state.avatar):
+                self._marks = EyeMarks(head.decoder, head.identity)
+        except InputError:
+            state.say(f"The file of {state.avatar} is damaged; livedrive doctor tells more")
         began_ns = time.monotonic_ns()
         shown = state.motion.at(began_ns) or REST
         head.draw(*shown, state.orbit, view)

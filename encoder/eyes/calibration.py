@@ -76,7 +76,9 @@ class EyeCalibration:
         return {"format": FORMAT, **{name: getattr(self, name) for name in names}}
 
     @staticmethod
-    def from_json(words: Mapping[str, Any], where: str) -> EyeCalibration:
+    def from_json(
+        words: Mapping[str, Any], where: str, cure: str = "run `livedrive calibrate` again"
+    ) -> EyeCalibration:
         """Checked in shape and size; InputError of one line otherwise."""
         shapes = {"matrix": (2, 2, 2), "shift": (2, 2), "shut": (2,), "open": (2,)}
         shapes["relative"] = (2,)
@@ -93,7 +95,7 @@ class EyeCalibration:
         if not good or (arrays["open"] - arrays["shut"]).min() <= 0:
             raise InputError(
                 f"eye calibration {where}: expected format {FORMAT} with {', '.join(shapes)}, got "
-                "another; run `livedrive calibrate` again"
+                f"another; {cure}"
             )
         fitted = arrays.pop("relative") > 0
         values = {name: as_tuples(array) for name, array in arrays.items()}

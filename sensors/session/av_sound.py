@@ -25,10 +25,10 @@ class AvSound:
         try:
             self._container = av.open(str(path), metadata_errors="replace")
         except (av_error.FFmpegError, ValueError) as error:
-            reason = str(error).splitlines()[0].split(": '")[0]
+            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
             raise InputError(
-                f"{path}: expected a sound file, got something else ({reason}); give a wav, flac, "
-                "ogg, mp3 or m4a"
+                f"{path}: expected a sound file, got something else, or one that is cut off "
+                f"({reason}); give a wav, flac, ogg, mp3 or m4a"
             ) from None
         streams = self._container.streams.audio
         if self._container.format.name == "tty" or not streams or not streams[0].rate:

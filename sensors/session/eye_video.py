@@ -172,13 +172,15 @@ def open_video(path: Path) -> Any:
     from av import error as av_error
 
     if not path.is_file():
-        raise InputError(f"{path}: expected an eye video, got no such file; check the name")
+        got = "a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: expected an eye video, got {got}; check the name")
     try:
         container = av.open(str(path), metadata_errors="replace")
     except (av_error.FFmpegError, ValueError) as error:
-        reason = str(error).splitlines()[0].split(": '")[0]
+        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
         raise InputError(
-            f"{path}: expected a video, got something else ({reason}); give an mkv, mp4 or avi"
+            f"{path}: expected a video, got something else, or one that is cut off "
+            f"({reason}); give an mkv, mp4 or avi"
         ) from None
     if container.format.name == "tty":  # FFmpeg "plays" text files
         container.close()

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors import files
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.session.eye_video import count_pictures
@@ -65,6 +66,8 @@ def create(
             f"{len(eyes)}"
         )
     folder, warnings = Path(folder), list[str]()
+    if not folder.exists():
+        files.check_folder(folder, "session create", "choose another")
     devices = {"audio": Path(audio).name}
     shown = list(eyes) * 2 if len(eyes) == 1 else eyes
     devices |= {f"eye_{EYE_NAMES[k]}": Path(eye).name for k, eye in enumerate(shown)}

@@ -122,11 +122,11 @@ def write_card(folder: Path, card: Mapping[str, Any]) -> None:
 
 
 def check_apart(folder: Path, out: Path) -> None:
-    """Raises InputError where `out` is a file of the session, which it would replace."""
+    """Raises InputError where `out` is the session's folder, or a file of it that is replaced."""
     names = (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE, MOTION_FILE)
-    if out.name in names and out.parent.resolve() == folder.resolve():
+    if out.resolve() in (folder.resolve(), *(folder.resolve() / name for name in names)):
         raise InputError(
-            f"{out}: expected a file beside the session, got one of its own; choose another name"
+            f"{out}: expected another place than the session's own, got that; choose another name"
         )
 
 

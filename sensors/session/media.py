@@ -159,7 +159,8 @@ def _open_sound(path: Path) -> Any:
     import soundfile
 
     if not path.is_file():
-        raise InputError(f"{path}: expected a sound file, got no such file; check the name")
+        got = "a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: expected a sound file, got {got}; check the name")
     _check_riff(path)
     try:
         file = soundfile.SoundFile(str(path))

@@ -144,9 +144,9 @@ class RecordingWriter:
         _check_choice("audio_format", audio_format, tuple(FORMATS))
         self.folder = Path(folder)
         if self.folder.exists() and (not self.folder.is_dir() or any(self.folder.iterdir())):
+            got = "one with files in it" if self.folder.is_dir() else "a file"
             raise InputError(
-                f"{self.folder}: expected a new or empty folder, got one with files in it; "
-                "choose another name or remove it"
+                f"{self.folder}: expected a new or empty folder, got {got}; choose another name"
             )
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._eye_codec = eye_codec

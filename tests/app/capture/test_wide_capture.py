@@ -11,6 +11,7 @@ from app.capture import eyes as usual
 from app.capture import wide_eyes
 from app.capture.no_eyes import no_eye
 from encoder.training.streams.wide_eyes import WidePictures
+from render.decoder import identity
 from render.near_eye.look import MAX_LEDS, Look
 from render.near_eye.primitives import place_in_picture
 from render.near_eye.wide_look import AIM, painted, wide_look
@@ -48,6 +49,16 @@ def test_no_two_pictures_of_no_eye_are_alike() -> None:
     pictures = np.stack([no_eye(rng, 64) for _ in range(40)])
     assert pictures.dtype == np.uint8 and pictures.shape == (40, 64, 64)
     assert pictures.mean((1, 2)).std() > 20 and np.median(pictures.std((1, 2))) > 5
+
+
+def test_faces_of_the_user_are_in_no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: avatars of this machine were drawn into pictures that others train with."""
+    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    (tmp_path / "avatar_me.safetensors").write_bytes(b"damaged")
+    monkeypatch.setattr(usual, "PEOPLE_A_FILE", 0)
+    monkeypatch.setattr(wide_eyes, "_renderer", object())
+    monkeypatch.setattr(wide_eyes, "_write", lambda *_: None)
+    wide_eyes._file((tmp_path, 0, (0, 77, 0)))  # noqa: SLF001
 
 
 @pytest.mark.slow

@@ -97,6 +97,9 @@ def test_is_kept_for_the_user_and_in_the_session(
     assert of_session(recording) == calibration  # type: ignore[arg-type]
     empty = SimpleNamespace(card={"calibration": {}}, folder=tmp_path)
     assert of_session(empty) is None  # type: ignore[arg-type]
+    cut = SimpleNamespace(card={"calibration": {"eyes": {"format": 3}}}, folder=tmp_path)
+    with pytest.raises(InputError, match=r"got another; restore session.json"):
+        of_session(cut)  # type: ignore[arg-type]  # red before: calibrate again, of no help here
     assert in_session(SimpleNamespace(calibration=None)) == {}  # type: ignore[arg-type]
 
 

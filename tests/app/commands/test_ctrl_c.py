@@ -1,11 +1,18 @@
 """Ctrl-C ends a command in one line and with status 130, also while it is still starting."""
 
 import os
+import signal
 import subprocess
 import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
+from llvmlite.binding import ffi
+
+from app import main
 
 ROOT = Path(__file__).parents[3]
 CODE = """
@@ -61,3 +68,29 @@ def test_a_kill_ends_as_ctrl_c_does(sent: str) -> None:
     """So that drafts are removed and files are finished. Red before: it died on the spot."""
     done = avatars("render.decoder.identity", sent=sent)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")
+
+
+def test_ctrl_c_leaves_no_lock_of_numba_taken() -> None:
+    """Red before: `avatar turn` hung, its helper waiting for the lock to load a loop."""
+    sent: list[None] = []
+    lock: Any = ffi.lib._lock  # noqa: SLF001
+
+    def on_lock() -> None:
+        if not sent:
+            sent.append(signal.raise_signal(signal.SIGINT))
+
+    def nothing() -> None: ...
+
+    def is_free() -> bool:
+        return lock._lock.acquire(timeout=1) and not lock._lock.release()  # noqa: SLF001
+
+    lock.register(on_lock, nothing)
+    try:
+        with pytest.raises(KeyboardInterrupt), main._ends_as_on_ctrl_c():  # noqa: SLF001
+            with lock:
+                pass
+            time.sleep(5)
+        with ThreadPoolExecutor(1) as helper:
+            assert helper.submit(is_free).result()
+    finally:
+        lock.unregister(on_lock, nothing)

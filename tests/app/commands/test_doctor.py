@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from app.avatars import pictures
 from app.commands import doctor
 from render.decoder import identity
 from render.decoder.learned import weights_file
@@ -39,3 +40,14 @@ def test_what_making_an_avatar_needs_is_named(
     monkeypatch.setitem(sys.modules, module, None)
     told = doctor.CHECKS[check]()
     assert words in told and "run: pip install 'livedrive[" in told
+
+
+def test_a_damaged_avatar_does_not_keep_the_others_from_being_drawn(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: `avatar show all` ended with it."""
+    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    (tmp_path / "avatar_me.safetensors").write_bytes(b"")
+    names = [who.name for who in pictures.everybody()]
+    assert names == identity.shipped()
+    assert capsys.readouterr().err.startswith("livedrive: me is left out: weights: expected ")

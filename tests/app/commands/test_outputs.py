@@ -262,3 +262,16 @@ def test_a_folder_takes_the_place_of_no_file(
     words = ["replay", str(SMOKE), "--pictures", str(tmp_path / "file"), "--size", "64"]
     assert "got a file; choose another" in told(words, capsys)
     assert (tmp_path / "file").read_text() == "mine"
+
+
+@pytest.mark.parametrize("option", ["--pictures", "--ply", "--gltf"])
+def test_nothing_is_written_into_the_session_itself(
+    option: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: its folder, which `session info` counts and people share, filled with them."""
+    shutil.copytree(SMOKE, tmp_path / "s")
+    (tmp_path / "link").symlink_to(tmp_path / "s")
+    for into in ("s", "link"):
+        words = f"replay {tmp_path}/s {option} {tmp_path}/{into}"
+        assert "expected another place than the session's own, got" in told(words.split(), capsys)
+    assert {p.name for p in (tmp_path / "s").iterdir()} == {p.name for p in SMOKE.iterdir()}

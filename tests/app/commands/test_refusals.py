@@ -48,10 +48,11 @@ def test_a_wrong_word_is_one_line(
     assert "None" not in told and told.startswith("livedrive: ")
 
 
-@pytest.mark.parametrize("kept", ['seconds = "soon"', 'bogus = "x"'])
+@pytest.mark.parametrize("kept", ['seconds = "soon"', 'bogus = "x"', 'headless = "yes"'])
 def test_a_wrong_setting_names_its_file(
     kept: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """Red before: not where the value is one too many."""
     file = tmp_path / "run.toml"
     file.write_text(kept)
     monkeypatch.setattr("app.terminal.profile.path", lambda: file)

@@ -12,7 +12,7 @@ import pytest
 import soundfile
 
 from app.capture import session_motion
-from app.commands.session import CreateSession, ExportSession
+from app.commands.session import CreateSession, ExportSession, SessionInfo
 from sensors.types import InputError
 
 SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
@@ -49,6 +49,17 @@ def test_an_export_says_which_pictures_are_missing(
     eye.write_bytes(eye.read_bytes()[:60_000])
     ExportSession(folder=tmp_path / "s", out=tmp_path / "out.mkv").run()
     assert "eye pictures are missing; restore the eye videos" in capsys.readouterr().out
+
+
+def test_names_are_told_as_they_are_written(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: \\u00fc, which nobody finds again."""
+    shutil.copytree(SMOKE, tmp_path / "Grüße")
+    SessionInfo(folder=tmp_path / "Grüße").run()
+    ExportSession(folder=tmp_path / "Grüße", out=tmp_path / "für.mkv").run()
+    told = capsys.readouterr().out
+    assert "Grüße" in told and "für.mkv" in told
 
 
 def test_a_session_of_nothing_is_told_what_to_type(tmp_path: Path) -> None:

@@ -12,10 +12,14 @@ from app.compose import build
 from app.compose.settings import DriveSettings
 from app.drive.stages import Stages
 from app.drive.view import PortraitView
+from app.window.head import HeadView
 from app.window.sink import WindowSink
 from render.decoder import identity
+from render.decoder.identity import Identity
 from render.decoder.learned.weights_file import FOLDER
+from render.gl.contexts import create_context
 from sensors.clock import ManualClock
+from sensors.types import InputError
 
 
 @pytest.fixture
@@ -49,3 +53,30 @@ def test_a_file_is_loaded_once(file: str, monkeypatch: pytest.MonkeyPatch) -> No
     for _ in range(5):
         view.show(file)
     assert loaded == [file]
+
+
+def test_the_window_loads_a_file_once_and_survives_a_damaged_one(
+    file: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: anew with every picture; and a damaged one, picked from the list, ended it."""
+    with monkeypatch.context() as patch:
+        head = HeadView(create_context(), file, 64, "16k")
+        patch.setattr(identity, "load", pytest.fail)
+        assert not head.choose(file)
+    assert head.choose("kofi")
+    Path(file).with_suffix(".json").write_text("{")
+    with pytest.raises(InputError, match="a damaged file"):
+        head.choose(file)
+    assert not head.choose(file) and head.identity.name == "kofi"
+
+
+def test_a_damaged_avatar_that_is_picked_leaves_the_one_that_is_drawn(file: str) -> None:
+    """Red before: it ended the run."""
+    drawn: list[Identity] = []
+    decoder: Any = SimpleNamespace(decode=lambda x, g, who, *_, **__: (x, drawn.append(who)))
+    renderer: Any = SimpleNamespace(name="", draw=lambda *_: None, read_rgba=lambda: None)
+    view = PortraitView(decoder, identity.load("kofi"), renderer, None)  # type: ignore[arg-type]
+    Path(file).with_suffix(".json").write_text("{")
+    view.show(file)
+    view.warm_up()
+    assert [who.name for who in drawn] == ["kofi"]

@@ -9,7 +9,7 @@ from app.train.next_step import next_command
 from app.train.settings import Stage, TrainSettings
 
 
-@pytest.mark.parametrize("stage", [s for s in get_args(Stage) if s not in ("prior", "landmarks")])
+@pytest.mark.parametrize("stage", [s for s in get_args(Stage) if s != "landmarks"])
 def test_every_stage_has_one(stage: Any) -> None:
     assert next_command(TrainSettings(stage=stage)).startswith("livedrive ")
 
@@ -34,6 +34,10 @@ def test_every_stage_has_one(stage: Any) -> None:
         (
             TrainSettings(stage="listen", leave_out=("grid-s2",)),
             "eval speech data --leave-one-out --mocap DIR",
+        ),
+        (
+            TrainSettings(stage="prior", face=Path("my face"), take=Path("t.csv")),
+            "eval prior --face 'my face' --take t.csv",  # red before: without the take
         ),
         (TrainSettings(stage="distill", variant="no-dmd"), "eval speech data --ablations"),
     ],

@@ -89,6 +89,8 @@ def test_the_student_gets_a_head_and_loses_it_where_it_learns_on(data, tmp_path)
 def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):
     with pytest.raises(InputError, match="train them without --variant"):
         train(data, "audio", variant="no-jitter")
+    with pytest.raises(InputError, match="expected one of the stages .*, got prior"):
+        train(data, "prior", variant="plain")  # red before: trained without it
 
 
 def test_starting_from_other_shapes_is_an_error(data):

@@ -137,3 +137,32 @@ def test_sound_that_stands_in_for_none_is_not_judged(tmp_path: Path) -> None:
     """As of a Live Link Face take without a sound file."""
     soundfile.write(tmp_path / "a.wav", np.zeros(SAMPLE_RATE), SAMPLE_RATE)
     assert session.create(tmp_path / "s", tmp_path / "a.wav", heard=False)["warnings"] == []
+
+
+def test_a_folder_or_a_cut_film_is_told_as_such(tmp_path: Path) -> None:
+    """Red before: "no such file" of a folder that is there, and a number of libav's errors."""
+    whole = phone_sound(tmp_path / "a.m4a", "aac").read_bytes()
+    (tmp_path / "cut.m4a").write_bytes(whole[: len(whole) // 2])
+    for name, got in (("", "a folder"), ("cut.m4a", r"something else, or one that is cut off \(I")):
+        with pytest.raises(InputError, match=f"expected a sound file, got {got}"):
+            session.create(tmp_path / "s", tmp_path / name)
+        with pytest.raises(InputError, match=f"expected (a|an eye) video, got {got}"):
+            session.create(tmp_path / "s", tmp_path / "a.m4a", [tmp_path / name])
+    assert not (tmp_path / "s").exists()
+
+
+@pytest.mark.parametrize(
+    ("folder", "got"),
+    [
+        ("a.m4a", "a new or empty folder, got a file; choose"),
+        ("a.m4a/s", "a folder to write into, got .*: Not a directory; choose"),
+        ("/proc/s", "a folder to write into, got /proc/s: No such file or directory; choose"),
+    ],
+)
+def test_a_session_that_cannot_be_made_there_is_told(folder: str, got: str, tmp_path: Path) -> None:
+    """Red before: of a file of somebody's that it has files in it and may be removed, of the
+    others that they should exist."""
+    sound = phone_sound(tmp_path / "a.m4a", "aac")
+    with pytest.raises(InputError, match=f"expected {got} another"):
+        session.create(tmp_path / folder, sound)
+    assert sound.is_file()

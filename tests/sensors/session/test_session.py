@@ -151,7 +151,7 @@ def test_export_replaces_no_file_of_the_session(tmp_path: Path) -> None:
     create(tmp_path / "s", wav(tmp_path / "a.wav", 0.5), eyes)
     eye = tmp_path / "s" / "eye_left.mkv"
     whole = eye.read_bytes()
-    with pytest.raises(InputError, match="one of its own"):
+    with pytest.raises(InputError, match="another place than the session's own"):
         export(tmp_path / "s", eye)
     assert eye.read_bytes() == whole
 
