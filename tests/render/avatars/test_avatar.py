@@ -1,5 +1,6 @@
 """New people: what `avatar create` accepts, refuses and repairs; PLY files; borrowed hair."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from render.avatars import detail, ply, scan, sheet
 from render.avatars import maker as avatar
-from render.avatars import ply, scan, sheet
 from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
 from render.decoder.decoder import Decoder
@@ -22,8 +23,11 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def maker(egl_context: GLContext) -> avatar.Maker:
-    return avatar.Maker(context=egl_context)
+def maker(egl_context: GLContext) -> Iterator[avatar.Maker]:
+    """Its colours take one step: how sharp they are is judged in test_detail.py."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(detail, "STEPS", 1)
+        yield avatar.Maker(context=egl_context)
 
 
 @pytest.fixture(scope="module")
