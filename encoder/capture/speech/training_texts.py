@@ -4,38 +4,151 @@
 
 TRAINING_TEXTS: dict[str, str] = {
     "de": "Die Bäume blühen schön im März. Warum fliegt der Vogel über mein Haus? Gib mir bitte "
-    "ein Messer und zwei Löffel. Abends spielen wir oft Klavier. Hübsche Schuhe kosten "
-    "viel Geld.",
-    "fr": "Le chien dort sous la table. Tu veux boire un verre d'eau fraîche? Son oncle vend "
-    "des œufs au marché. La lune était pleine et jaune. Je cherche mes gants bleus.",
+    "ein Messer und zwei Löffel. Abends spielen wir oft Klavier. Hübsche Schuhe kosten viel Geld. "
+    "Der Zug nach Hamburg hat leider Verspätung. Möchtest du noch eine Tasse Tee? Die Kinder "
+    "bauen eine Burg aus Sand. Im Herbst fallen die Blätter von den Ästen. Mein Onkel "
+    "repariert alte Uhren. Das Fenster zum Hof steht offen. Nach dem Regen scheint wieder die "
+    "Sonne. Wo hast du den Schlüssel versteckt? Ein kleiner Fuchs läuft durch den Wald. Sie "
+    "kauft frisches Gemüse und Obst. Gestern war der Himmel ganz grau. Ich habe heute keine "
+    "Zeit für Späße. Unser Nachbar pfeift beim Kochen. Über dem Dach kreisen zwei Störche. "
+    "Können wir morgen später anfangen? Zwölf Gäste sitzen am runden Tisch. Die Suppe "
+    "schmeckt nach Knoblauch. Jetzt müssen wir schnell nach oben. Auf dem Berg liegt noch "
+    "Schnee. Er schreibt jede Woche einen Brief.",
+    "fr": "Le chien dort sous la table. Tu veux boire un verre d'eau fraîche? Son oncle vend des "
+    "œufs au marché. La lune était pleine et jaune. Je cherche mes gants bleus. Le train pour "
+    "Lyon est en retard. Ma grand-mère fait un gâteau aux prunes. Les enfants jouent dans la "
+    "cour. Où as-tu rangé les ciseaux? Un petit oiseau chante sur la branche. Il pleut depuis "
+    "hier matin. Nous cherchons un hôtel près de la plage. Cette chemise bleue est trop "
+    "grande. Mon cousin joue du violon. Le soleil se couche derrière la montagne. Combien "
+    "coûtent ces fleurs? Je n'ai pas bien dormi cette nuit. La cuisine sent bon le pain "
+    "chaud. Trois hommes portent une longue échelle. Elle voudrait apprendre le chinois. "
+    "Quelqu'un frappe à la porte. Les feuilles tombent en automne. Vous buvez du thé ou du "
+    "jus d'orange? Le vieux facteur monte lentement la rue. Huit bougies brûlent sur la "
+    "table.",
     "es": "La profesora lee un cuento muy largo. ¿Dónde está la llave de mi coche? Ayer llovió "
-    "toda la tarde. Me gusta el queso con miel. El jueves voy a la montaña.",
+    "toda la tarde. Me gusta el queso con miel. El jueves voy a la montaña. El tren para Sevilla "
+    "sale tarde. Mi abuela prepara una sopa de pollo. Los niños juegan en el jardín. ¿Quién "
+    "dejó la puerta abierta? Un pájaro rojo canta en la rama. Hace mucho viento en la playa. "
+    "Necesito unos zapatos nuevos. La chica escribe una carta larga. Su tío arregla relojes "
+    "viejos. ¿Cuánto vale aquella guitarra? El sol se esconde detrás del cerro. Hoy no tengo "
+    "hambre todavía. Compramos uvas y naranjas dulces. El gato duerme encima del sillón. Tres "
+    "amigos caminan por el bosque. Ella quiere aprender a bailar. Alguien llama a la ventana. "
+    "Las hojas caen en otoño. ¿Prefieres té o jugo de manzana? Ocho velas arden en la mesa.",
     "it": "Il gatto nero salta sul muro. Quanto costa questo vestito verde? Ieri ho scritto una "
-    "lettera a mio zio. Gli amici giocano in piazza. La zuppa è troppo calda.",
-    "pt": "O avô conta histórias engraçadas. Onde fica a estação de trem? Amanhã vou lavar o "
-    "carro velho. A chuva molhou o jornal. Quero pão com manteiga.",
+    "lettera a mio zio. Gli amici giocano in piazza. La zuppa è troppo calda. Il treno per "
+    "Napoli è in ritardo. Mia nonna prepara gli gnocchi. I bambini giocano nel cortile. Chi "
+    "ha lasciato la luce accesa? Un uccello canta sul ramo. Oggi soffia un vento fresco. Ho "
+    "bisogno di scarpe nuove. La ragazza legge un libro giallo. Lo zio aggiusta vecchi "
+    "orologi. Quanto pesa questa valigia? Il sole scende dietro la collina. Stasera non ho "
+    "molta fame. Compriamo uva e arance dolci. La zanzara vola intorno alla lampada. Tre "
+    "amici passeggiano nel bosco. Vorrei imparare a nuotare. Qualcuno bussa alla porta. Le "
+    "foglie cadono in autunno. Preferisci il tè oppure il succo? Otto candele bruciano sul "
+    "tavolo.",
+    "pt": "O avô conta histórias engraçadas. Onde fica a estação de trem? Amanhã vou lavar o carro "
+    "velho. A chuva molhou o jornal. Quero pão com manteiga. O comboio para o norte está "
+    "atrasado. A minha avó faz um doce de maçã. As crianças brincam no jardim. Quem deixou a "
+    "janela aberta? Um pássaro canta no ramo. Hoje faz muito vento na praia. Preciso de "
+    "sapatos novos. A moça escreve uma carta comprida. O tio conserta relógios antigos. "
+    "Quanto custa aquele violão? O sol se põe atrás do monte. Ainda não tenho fome. Compramos "
+    "uvas e laranjas doces. O gato dorme em cima da cadeira. Três amigos caminham pela "
+    "floresta. Ela quer aprender a dançar. Alguém bate à porta. As folhas caem no outono. "
+    "Você prefere chá ou suco de limão? Oito velas queimam na mesa.",
     "nl": "De kat slaapt graag in de zon. Hoeveel kost deze gele fiets? Gisteren heb ik soep "
-    "gekookt. Mijn zus schrijft een lange brief. Buiten waait een koude wind.",
-    "pl": "Kot śpi pod ciepłym piecem. Gdzie jest klucz do szafy? Lubię zupę z grzybami. "
-    "Chłopiec rzucił piłkę przez płot. W czwartek idziemy do teatru.",
+    "gekookt. Mijn zus schrijft een lange brief. Buiten waait een koude wind. De trein naar "
+    "Utrecht is vertraagd. Mijn oma bakt een taart met pruimen. De kinderen spelen in de "
+    "tuin. Wie heeft het raam open gelaten? Een vogel zingt op de tak. Het regent al sinds "
+    "gisteren. Ik heb nieuwe schoenen nodig. Het meisje leest een spannend boek. Mijn oom "
+    "maakt oude klokken. Hoe zwaar is deze koffer? De zon zakt achter de heuvel. Vanavond heb "
+    "ik geen honger. We kopen druiven en zoete peren. De muis rent onder de stoel. Drie "
+    "vrienden lopen door het bos. Zij wil graag leren zwemmen. Iemand klopt op de deur. In de "
+    "herfst vallen de bladeren. Wil je thee of sinaasappelsap? Acht kaarsen branden op tafel.",
+    "pl": "Kot śpi pod ciepłym piecem. Gdzie jest klucz do szafy? Lubię zupę z grzybami. Chłopiec "
+    "rzucił piłkę przez płot. W czwartek idziemy do teatru. Pociąg do Gdańska jest spóźniony. "
+    "Babcia piecze ciasto ze śliwkami. Dzieci bawią się w ogrodzie. Kto zostawił otwarte "
+    "okno? Ptak śpiewa na gałęzi. Dzisiaj wieje zimny wiatr. Potrzebuję nowych butów. "
+    "Dziewczyna czyta grubą książkę. Wujek naprawia stare zegary. Ile waży ta walizka? Słońce "
+    "chowa się za górą. Jeszcze nie jestem głodny. Kupujemy gruszki i słodkie jabłka. Mysz "
+    "biegnie pod krzesłem. Trzej przyjaciele idą przez las. Ona chce nauczyć się pływać. Ktoś "
+    "puka do drzwi. Jesienią spadają żółte liście. Wolisz herbatę czy sok? Osiem świec pali "
+    "się na stole.",
     "sv": "Katten sover på den gröna soffan. Var ligger närmaste station? I går åt vi fisk och "
-    "potatis. Min farbror spelar fiol. Snön föll hela natten.",
+    "potatis. Min farbror spelar fiol. Snön föll hela natten. Tåget till Göteborg är "
+    "försenat. Min mormor bakar en kaka med plommon. Barnen leker i trädgården. Vem lämnade "
+    "fönstret öppet? En fågel sjunger på grenen. Det har regnat sedan i går. Jag behöver nya "
+    "skor. Hon läser en tjock bok. Min morbror lagar gamla klockor. Hur mycket väger den här "
+    "väskan? Solen går ner bakom berget. Jag är inte hungrig än. Vi köper päron och söta "
+    "druvor. Musen springer under stolen. Tre vänner går genom skogen. Hon vill lära sig "
+    "simma. Någon knackar på dörren. På hösten faller löven. Vill du ha te eller juice? Åtta "
+    "ljus brinner på bordet.",
     "ru": "Кошка спит на тёплой печке. Где лежит мой синий шарф? Бабушка варит вкусное варенье. "
-    "Дети громко поют песню. В четверг мы пойдём в театр.",
-    "tr": "Kedi sıcak sobanın yanında uyuyor. Anahtarım nerede acaba? Dedem bana eski bir "
-    "hikâye anlattı. Çocuklar okulda şarkı söylüyor. Yarın dağa çıkacağız.",
-    "fi": "Kissa nukkuu lämpimällä sohvalla. Missä on minun sininen huivini? Isoisä kertoi "
-    "hauskan tarinan. Lapset laulavat koulussa. Yöllä satoi lunta.",
-    "cs": "Kočka spí na teplé peci. Kde leží můj modrý šátek? Babička vaří švestkovou "
-    "marmeládu. Děti hlasitě zpívají. Ve čtvrtek půjdeme do divadla.",
-    "hu": "A macska a meleg kályha mellett alszik. Hol van a kék sálam? Nagyapa vidám "
-    "történetet mesélt. A gyerekek énekelnek az iskolában. Éjjel esett a hó.",
-    "ro": "Pisica doarme lângă soba caldă. Unde este cheia mea? Bunica face gem de prune. "
-    "Copiii cântă la școală. Mâine mergem la munte cu autobuzul.",
+    "Дети громко поют песню. В четверг мы пойдём в театр. Поезд на север сегодня опаздывает. "
+    "Моя тётя печёт пирог с яблоками. Ребята играют во дворе. Кто оставил дверь открытой? "
+    "Птица поёт на высокой ветке. На улице дует холодный ветер. Мне нужны новые ботинки. "
+    "Девочка читает толстую книгу. Дядя чинит старые часы. Сколько стоит эта лампа? Солнце "
+    "садится за горой. Я ещё не хочу ужинать. Мы купили груши и сладкий виноград. Мышь бежит "
+    "под стулом. Трое друзей идут через лес. Она хочет научиться плавать. Кто-то стучит в "
+    "ворота. Осенью падают жёлтые листья. Ты любишь чай или сок? Восемь свечей горят на "
+    "столе. Щука плывёт в глубокой реке. Ёжик несёт гриб домой. Вы уже были в музее? Бабочка "
+    "села на цветок. Рыбаки чистят лодку у берега.",
+    "tr": "Kedi sıcak sobanın yanında uyuyor. Anahtarım nerede acaba? Dedem bana eski bir hikâye "
+    "anlattı. Çocuklar okulda şarkı söylüyor. Yarın dağa çıkacağız. Ankara treni bugün "
+    "gecikiyor. Teyzem erikli bir kek yapıyor. Kardeşler avluda oynuyor. Kapıyı kim açık "
+    "bıraktı? Dalda bir kuş ötüyor. Dün akşamdan beri yağmur yağıyor. Yeni ayakkabılara "
+    "ihtiyacım var. Genç kız kalın bir kitap okuyor. Amcam eski saatleri onarır. Bu bavul kaç "
+    "kilo? Güneş tepenin arkasında batıyor. Henüz acıkmadım. Üzüm ve tatlı armut aldık. Fare "
+    "sandalyenin altına koştu. Üç arkadaş ormanda yürüyor. O yüzmeyi öğrenmek istiyor. Biri "
+    "kapıyı çalıyor. Sonbaharda yapraklar dökülür. Çay mı içersin, meyve suyu mu? Masada "
+    "sekiz mum yanıyor.",
+    "fi": "Kissa nukkuu lämpimällä sohvalla. Missä on minun sininen huivini? Isoisä kertoi hauskan "
+    "tarinan. Lapset laulavat koulussa. Yöllä satoi lunta. Juna pohjoiseen on myöhässä. Mummo "
+    "leipoo luumupiirakkaa. Pojat leikkivät pihalla. Kuka jätti oven auki? Oksalla laulaa "
+    "pieni pöllö. Tänään tuulee kylmästi. Tarvitsen uudet kengät. Tyttö lukee paksua kirjaa. "
+    "Setä korjaa vanhoja kelloja. Paljonko tämä laukku painaa? Aurinko laskee mäen taakse. "
+    "Minulla ei ole vielä nälkä. Ostimme päärynöitä ja makeita rypäleitä. Hiiri juoksee "
+    "tuolin alle. Kolme ystävää kävelee metsässä. Hän haluaa oppia uimaan. Joku koputtaa "
+    "oveen. Syksyllä lehdet putoavat. Juotko teetä vai mehua? Pöydällä palaa kahdeksan "
+    "kynttilää.",
+    "cs": "Kočka spí na teplé peci. Kde leží můj modrý šátek? Babička vaří švestkovou marmeládu. "
+    "Děti hlasitě zpívají. Ve čtvrtek půjdeme do divadla. Vlak do Brna má zpoždění. Babička "
+    "peče koláč se švestkami. Kluci si hrají na dvoře. Kdo nechal otevřené dveře? Pták zpívá "
+    "na větvi. Dnes fouká studený vítr. Potřebuju nové boty. Dívka čte tlustou knihu. Strýc "
+    "opravuje staré hodiny. Kolik váží tenhle kufr? Slunce zapadá za kopec. Ještě nemám hlad. "
+    "Koupili jsme hrušky a sladké hrozny. Myš běží pod židli. Tři přátelé jdou přes les. Ona "
+    "se chce naučit plavat. Někdo klepe na vrata. Na podzim padá listí. Dáš si čaj nebo "
+    "šťávu? Na stole hoří osm svíček. Řeka teče pod mostem. Žába skáče do rybníka. Máš rád "
+    "ořechy? Ďas aby to vzal. Housle zní tiše.",
+    "hu": "A macska a meleg kályha mellett alszik. Hol van a kék sálam? Nagyapa vidám történetet "
+    "mesélt. A gyerekek énekelnek az iskolában. Éjjel esett a hó. A vonat ma késik. A "
+    "nagymama szilvás süteményt süt. A fiúk az udvaron játszanak. Ki hagyta nyitva az "
+    "ablakot? Egy madár énekel az ágon. Hideg szél fúj a hegyről. Új cipőre van szükségem. A "
+    "lány vastag könyvet olvas. A bácsi régi órákat javít. Mennyibe kerül ez a táska? Lemegy "
+    "a nap a domb mögött. Még nem vagyok éhes. Körtét és édes szőlőt vettünk. Az egér a szék "
+    "alá fut. Három barát sétál az erdőben. Ősszel lehullanak a levelek.",
+    "ro": "Pisica doarme lângă soba caldă. Unde este cheia mea? Bunica face gem de prune. Copiii "
+    "cântă la școală. Mâine mergem la munte cu autobuzul. Trenul spre munte întârzie azi. "
+    "Mătușa mea coace o plăcintă cu mere. Băieții se joacă în curte. Cine a lăsat ușa "
+    "deschisă? O pasăre cântă pe creangă. Bate un vânt rece dinspre nord. Am nevoie de "
+    "pantofi noi. Fata citește o carte groasă. Unchiul repară ceasuri vechi. Cât costă geanta "
+    "aceasta? Soarele apune după deal. Încă nu îmi este foame. Am cumpărat pere și struguri "
+    "dulci. Șoarecele fuge sub scaun. Trei prieteni merg prin pădure. Toamna cad frunzele "
+    "galbene.",
     "el": "Η γάτα κοιμάται στον ήλιο. Πού είναι το κλειδί μου; Ο παππούς λέει μια παλιά "
-    "ιστορία. Τα παιδιά τραγουδούν δυνατά. Αύριο θα πάμε στο βουνό.",
-    "id": "Kucing itu tidur di bawah meja. Di mana kunci rumah saya? Nenek memasak sup ayam "
-    "yang enak. Anak-anak bernyanyi di sekolah. Besok kami pergi ke pasar.",
+    "ιστορία. Τα παιδιά τραγουδούν δυνατά. Αύριο θα πάμε στο βουνό. Το τρένο για τον βορρά "
+    "αργεί σήμερα. "
+    "Η θεία μου φτιάχνει μια μηλόπιτα. Τα αγόρια παίζουν στην αυλή. Ποιος άφησε την πόρτα "
+    "ανοιχτή; Ένα πουλί τραγουδά στο κλαδί. Φυσάει κρύος αέρας από τη θάλασσα. Χρειάζομαι "
+    "καινούργια παπούτσια. Το κορίτσι διαβάζει ένα χοντρό βιβλίο. Ο θείος διορθώνει παλιά "
+    "ρολόγια. Πόσο κοστίζει αυτή η τσάντα; Ο ήλιος δύει πίσω από τον λόφο. Δεν πεινάω ακόμα. "
+    "Αγοράσαμε αχλάδια και γλυκά σταφύλια. Το ποντίκι τρέχει κάτω από την καρέκλα. Τρεις "
+    "φίλοι περπατούν στο δάσος. Το φθινόπωρο πέφτουν τα φύλλα.",
+    "id": "Kucing itu tidur di bawah meja. Di mana kunci rumah saya? Nenek memasak sup ayam yang "
+    "enak. Anak-anak bernyanyi di sekolah. Besok kami pergi ke pasar. Kereta ke utara "
+    "terlambat hari ini. Bibi saya membuat kue pisang. Anak laki-laki bermain di halaman. "
+    "Siapa yang membiarkan pintu terbuka? Seekor burung bernyanyi di dahan. Angin dingin "
+    "bertiup dari gunung. Saya perlu sepatu baru. Gadis itu membaca buku tebal. Paman "
+    "memperbaiki jam tua. Berapa harga tas ini? Matahari terbenam di balik bukit. Saya belum "
+    "lapar. Kami membeli pir dan anggur manis. Tikus lari ke bawah kursi. Tiga teman berjalan "
+    "di hutan. Daun-daun jatuh di musim kemarau.",
 }  # fmt: skip
 VOICES = 5  # that each language is spoken by
 
