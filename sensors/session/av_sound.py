@@ -10,6 +10,7 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
+from sensors.session.opening import opened
 from sensors.types import InputError
 
 
@@ -19,17 +20,7 @@ class AvSound:
     frames = 0  # not known before the end
 
     def __init__(self, path: Path) -> None:
-        import av
-        from av import error as av_error
-
-        try:
-            self._container = av.open(str(path), metadata_errors="replace")
-        except (av_error.FFmpegError, ValueError) as error:
-            reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-            raise InputError(
-                f"{path}: expected a sound file, got something else, or one that is cut off "
-                f"({reason}); give a wav, flac, ogg, mp3 or m4a"
-            ) from None
+        self._container = opened(path, "a sound file", "a wav, flac, ogg, mp3 or m4a")
         streams = self._container.streams.audio
         if self._container.format.name == "tty" or not streams or not streams[0].rate:
             self._container.close()

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sensors import files
 from sensors.picture import gray
+from sensors.session.opening import check_there, opened
 from sensors.types import EYE_SIZE, FPS, InputError
 
 MAX_SIDE = 4096  # px of a picture that is read
@@ -168,20 +169,8 @@ class EyeVideoReader:
 
 def open_video(path: Path) -> Any:
     """Open for reading; raise unless it is a video."""
-    import av
-    from av import error as av_error
-
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{path}: expected an eye video, got {got}; check the name")
-    try:
-        container = av.open(str(path), metadata_errors="replace")
-    except (av_error.FFmpegError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error).splitlines()[0]
-        raise InputError(
-            f"{path}: expected a video, got something else, or one that is cut off "
-            f"({reason}); give an mkv, mp4 or avi"
-        ) from None
+    check_there(path, "an eye video")
+    container = opened(path, "a video", "an mkv, mp4 or avi")
     if container.format.name == "tty":  # FFmpeg "plays" text files
         container.close()
         raise InputError(f"{path}: expected a video, got a text file; check the name")

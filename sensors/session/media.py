@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from sensors.picture import gray
 from sensors.session.av_sound import AvSound
 from sensors.session.eye_video import open_video
+from sensors.session.opening import check_there
 from sensors.types import EYE_SIZE, FPS, NS, SAMPLE_RATE, InputError
 
 CLIPPED_LEVEL = 0.9999
@@ -158,9 +159,7 @@ def _square(frame: Any, half: str | None) -> NDArray[np.uint8]:
 def _open_sound(path: Path) -> Any:
     import soundfile
 
-    if not path.is_file():
-        got = "a folder" if path.is_dir() else "no such file"
-        raise InputError(f"{path}: expected a sound file, got {got}; check the name")
+    check_there(path, "a sound file")
     _check_riff(path)
     try:
         file = soundfile.SoundFile(str(path))
