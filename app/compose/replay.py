@@ -14,6 +14,7 @@ from app.drive.loop import drive
 from app.drive.sink import Sink
 
 if TYPE_CHECKING:
+    from encoder.driver import Driver
     from sensors.session.playback import Playback
     from sensors.session.recording import Recording
 
@@ -21,13 +22,9 @@ if TYPE_CHECKING:
 def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -> dict[str, Any]:
     """Drive the session with the calibration it was recorded with, and return the report."""
     from sensors.clock import MonotonicClock
-    from sensors.session.recording import Recording
     from sensors.session.replay import ReplaySource
 
-    recording, clock = Recording(session), MonotonicClock()
-    recording.check_frames()
-    settings = as_recorded(settings, recording)
-    driver = load_driver(settings, bool(recording.eyes), of_session(recording))
+    (recording, settings, driver), clock = _opened(session, settings), MonotonicClock()
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
     parts = build(settings, source=source, driver=driver, clock=clock, sinks=sinks)
@@ -44,11 +41,8 @@ def play(
     until `controlled`, which gets the playback at the start, or Ctrl-C stops it."""
     from sensors.clock import MonotonicClock
     from sensors.session.playback import Playback
-    from sensors.session.recording import Recording
 
-    recording, clock = Recording(session), MonotonicClock()
-    recording.check_frames()
-    settings = as_recorded(settings, recording)
+    (recording, settings, driver), clock = _opened(session, settings), MonotonicClock()
     page = open_page(settings, clock)
     assert page is not None
     link = page.link
@@ -57,13 +51,23 @@ def play(
         link.read()
         return not link.status.get("pages") and not link.ended
 
-    driver = load_driver(settings, bool(recording.eyes), of_session(recording))
     eyes = driver.config.condition == "eyes"
     source = Playback(recording, clock, eyes=eyes, waits=nobody_watches)
     parts = build(settings, source=source, driver=driver, clock=clock, page=page)
     tell("the session begins when somebody opens the page, and begins anew at its end")
     controlled(source)
     return report(settings, parts, drive(parts))
+
+
+def _opened(session: Path, settings: DriveSettings) -> "tuple[Recording, DriveSettings, Driver]":
+    """The session, and what drives it as it was recorded; InputError where it holds no frame."""
+    from sensors.session.recording import Recording
+
+    recording = Recording(session)
+    recording.check_frames()
+    settings = as_recorded(settings, recording)
+    driver = load_driver(settings, bool(recording.eyes), of_session(recording))
+    return recording, settings, driver
 
 
 def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSettings:

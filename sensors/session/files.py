@@ -15,18 +15,12 @@ from sensors import files
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.session.eye_video import count_pictures
-from sensors.session.format import (
-    AUDIO_FILE,
-    CARD_FILE,
-    EYE_FILES,
-    TIMELINE_FILE,
-    EmotionEntry,
-    RequestEntry,
-)
+from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import ReplaySource
 from sensors.session.streams import EyeStream
+from sensors.session.timeline import EmotionEntry, RequestEntry
 from sensors.types import (
     EYE_NAMES,
     NS,

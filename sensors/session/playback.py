@@ -8,8 +8,8 @@ For the same codes every time there is ReplaySource.
 from collections.abc import Callable
 from dataclasses import replace
 
-from sensors.session.format import AudioEntry, EyeEntry, end_ns
 from sensors.session.recording import Recording
+from sensors.session.timeline import AudioEntry, EyeEntry, end_ns
 from sensors.types import NS, AudioPacket, Clock, EyePacket, Packet, SourceInfo
 
 MAX_LATE_NS = NS  # after a stall of the machine it goes on from where it was

@@ -11,11 +11,22 @@ from typing import Any
 from sensors import files
 from sensors.assemble import MAX_FILL, check_audio, check_eye
 from sensors.session import format as fmt
-from sensors.session.counts import check_counts, count
 from sensors.session.eye_video import EYE_CODECS, EyeVideoWriter
-from sensors.session.format import AudioEntry, EmotionEntry, EyeEntry, HeadEntry, RequestEntry
 from sensors.session.repair import lock, repair
 from sensors.session.streams import AudioStream, EyeStream
+from sensors.session.timeline import (
+    AudioEntry,
+    EmotionEntry,
+    Entry,
+    EyeEntry,
+    HeadEntry,
+    RequestEntry,
+    check_counts,
+    count,
+    end_ns,
+    entry_line,
+    read_timeline,
+)
 from sensors.session.wav import FORMATS, WavWriter
 from sensors.types import (
     FPS,
@@ -40,7 +51,7 @@ class Recording:
         self.card = fmt.read_card(self.folder)
         if not self.card.get("closed"):
             self.card = repair(self.folder, self.card)
-        self.entries = fmt.read_timeline(self.folder, closed=True)
+        self.entries = read_timeline(self.folder, closed=True)
         check_counts(self.folder, self.card, self.entries)
         self.heads = [e for e in self.entries if isinstance(e, HeadEntry)]
         sounds = [e for e in self.entries if isinstance(e, AudioEntry)]
@@ -56,7 +67,7 @@ class Recording:
         """From the start of the first packet to the end of the last."""
         if not self.entries:
             return 0
-        return max(map(fmt.end_ns, self.entries)) - min(e.t_ns for e in self.entries)
+        return max(map(end_ns, self.entries)) - min(e.t_ns for e in self.entries)
 
     @property
     def num_frames(self) -> int:
@@ -99,7 +110,7 @@ class Recording:
         for stream in self.eyes.values():
             stream.pace(PACED_REST_S)
 
-    def packet(self, entry: fmt.Entry) -> Packet | None:
+    def packet(self, entry: Entry) -> Packet | None:
         """Read one packet; None if it is a picture that the video no longer holds."""
         if isinstance(entry, AudioEntry):
             return self.audio.packet(entry)
@@ -177,7 +188,7 @@ class RecordingWriter:
             check_audio(packet)
             offset = self._wav.append(packet.samples)
             first, num = packet.first_sample, len(packet.samples)
-            entry: fmt.Entry = AudioEntry(packet.t_ns, first, num, offset, packet.gap)
+            entry: Entry = AudioEntry(packet.t_ns, first, num, offset, packet.gap)
         elif isinstance(packet, EmotionPacket):
             entry = EmotionEntry(packet.t_ns, packet.words)
         elif isinstance(packet, RequestPacket):
@@ -191,7 +202,7 @@ class RecordingWriter:
                 self._eyes[packet.eye] = EyeVideoWriter(path, self._eye_codec)
             picture = self._eyes[packet.eye].append(packet.image, packet.t_ns - self._start_ns)
             entry = EyeEntry(packet.t_ns, packet.eye, packet.counter, picture)
-        self._timeline.write(fmt.entry_line(entry))
+        self._timeline.write(entry_line(entry))
         count(self._counts, entry)
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 from sensors import files
 from sensors.session import format as fmt
 from sensors.session.eye_video import count_pictures
-from sensors.session.format import AudioEntry, EyeEntry
+from sensors.session.timeline import AudioEntry, Entry, EyeEntry, entry_line, read_timeline
 from sensors.session.wav import repair_header
 from sensors.types import EYE_NAMES, InputError
 
@@ -51,7 +51,7 @@ def lock(timeline: BinaryIO | Any) -> bool:
 
 
 def _mend(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
-    entries = fmt.read_timeline(folder, closed=False)
+    entries = read_timeline(folder, closed=False)
     num_samples = repair_header(folder / fmt.AUDIO_FILE)
     counts = {"audio": num_samples}
     pictures = [0, 0]
@@ -59,7 +59,7 @@ def _mend(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
         if files.check_regular(folder / name).exists():
             pictures[eye] = count_pictures(folder / name)
             counts[f"eye_{EYE_NAMES[eye]}"] = pictures[eye]
-    kept: list[fmt.Entry] = []
+    kept: list[Entry] = []
     for entry in entries:
         if isinstance(entry, AudioEntry):
             whole = entry.offset + entry.num_samples <= num_samples
@@ -69,7 +69,7 @@ def _mend(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
             whole = True
         if whole:
             kept.append(entry)
-    lines = b"".join(map(fmt.entry_line, kept))
+    lines = b"".join(map(entry_line, kept))
     files.write_bytes(folder / fmt.TIMELINE_FILE, lines, private=True)
     lost = {"packets_lost_in_repair": len(entries) - len(kept)}
     card = card | {"counts": counts, "closed": True, "repaired": True} | lost

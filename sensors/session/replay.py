@@ -5,8 +5,8 @@ order of arrival with their recorded times; only the grouping into polls differs
 depend on that.
 """
 
-from sensors.session.format import AudioEntry, EyeEntry, end_ns
 from sensors.session.recording import Recording
+from sensors.session.timeline import AudioEntry, EyeEntry, end_ns
 from sensors.types import SAMPLE_RATE, SAMPLES_PER_FRAME, Clock, Packet, SourceInfo
 
 MAX_POLL_SAMPLES = SAMPLE_RATE  # after a stall, a real-time poll hands out 1 s at most

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from sensors import files
 from sensors.session.eye_video import EyeVideoReader
-from sensors.session.format import TIMELINE_FILE, AudioEntry, EyeEntry
+from sensors.session.format import TIMELINE_FILE
+from sensors.session.timeline import AudioEntry, EyeEntry
 from sensors.types import SAMPLE_RATE, AudioPacket, EyePacket, InputError
 
 READ_AHEAD = SAMPLE_RATE  # samples: a packet is a tick's, and each read takes as long as a second's

@@ -11,6 +11,7 @@ import pytest
 from sensors import files
 from sensors.session import format as session_format
 from sensors.session.eye_video import open_video
+from sensors.session.timeline import read_timeline
 from sensors.types import InputError
 
 
@@ -86,7 +87,7 @@ def test_numbers_that_no_sensor_gives_are_bad_lines(tmp_path: Path, line: object
     )
     (tmp_path / session_format.TIMELINE_FILE).write_text(fields + "\n")
     with pytest.raises(InputError, match="line 1"):
-        session_format.read_timeline(tmp_path, closed=True)
+        read_timeline(tmp_path, closed=True)
 
 
 @pytest.mark.parametrize("field", [{"devices": 5}, {"calibration": []}, {"version": True}])

@@ -13,8 +13,8 @@ from sensors import files
 from sensors.cameras.geometry import EyeGeometry
 from sensors.session import files as session
 from sensors.session.export import export
-from sensors.session.format import EmotionEntry, entry_line
 from sensors.session.recording import Recording, RecordingWriter
+from sensors.session.timeline import EmotionEntry, entry_line
 from sensors.types import AudioPacket, EmotionPacket, InputError
 
 MINE = b"alias ls='ls --color'\n"

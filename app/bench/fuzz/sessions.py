@@ -40,24 +40,25 @@ def card(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
 
 
 def timeline(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
-    from sensors.session import format as session_format
+    from sensors.session import timeline as session_timeline
+    from sensors.session.format import TIMELINE_FILE
     from sensors.types import HeadPose
 
     pose = HeadPose((0.0, 1.0, 2.0), (1.0, 0.0, 0.0, 0.0))
     entries = (
-        session_format.AudioEntry(0, 0, 480, 0, False),
-        session_format.EyeEntry(1, 0, 0, 0),
-        session_format.EmotionEntry(2, "happy:0.7"),
-        session_format.RequestEntry(2, "recentre"),
-        session_format.HeadEntry(3, pose, True),
+        session_timeline.AudioEntry(0, 0, 480, 0, False),
+        session_timeline.EyeEntry(1, 0, 0, 0),
+        session_timeline.EmotionEntry(2, "happy:0.7"),
+        session_timeline.RequestEntry(2, "recentre"),
+        session_timeline.HeadEntry(3, pose, True),
     )
-    lines = b"".join(session_format.entry_line(entry) for entry in entries)
-    path = folder / session_format.TIMELINE_FILE
+    lines = b"".join(session_timeline.entry_line(entry) for entry in entries)
+    path = folder / TIMELINE_FILE
 
     def feed() -> None:
         path.write_bytes(fuzzer.mutate(lines))
         with suppress(InputError):
-            session_format.read_timeline(folder, closed=bool(fuzzer.pick(2)))
+            session_timeline.read_timeline(folder, closed=bool(fuzzer.pick(2)))
 
     return feed
 

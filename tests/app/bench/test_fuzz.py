@@ -21,7 +21,7 @@ from encoder.eyes.calibration import EyeCalibration
 from render.avatars import ply, scan
 from render.decoder.learned import weights_file
 from sensors import files
-from sensors.session import format as session_format
+from sensors.session.timeline import read_timeline
 from sensors.types import InputError
 
 
@@ -121,7 +121,7 @@ def test_numbers_too_large_for_a_float_are_refused(tmp_path: Path) -> None:
         f'{{"stream":"head","t_ns":0,"position":[{HUGE},0,0],"quat":[1,0,0,0],"valid":true}}\n'
     )
     with pytest.raises(InputError, match="bad line 1"):
-        session_format.read_timeline(tmp_path, closed=True)
+        read_timeline(tmp_path, closed=True)
     (tmp_path / "gains.json").write_text(f'{{"jawOpen": {{"gain": {HUGE}}}}}')
     with pytest.raises(InputError, match="numbers up to 1000"):
         read_gains(tmp_path / "gains.json")

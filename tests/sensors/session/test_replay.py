@@ -14,9 +14,9 @@ from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.session import recording
 from sensors.session.files import create
-from sensors.session.format import end_ns
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import MAX_POLL_SAMPLES, ReplaySource
+from sensors.session.timeline import end_ns
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, SensorFrame
 
 
