@@ -35,6 +35,7 @@ MAX_TIME_ERROR_NS = 2_000_000  # packet times may differ this much from the samp
 MAX_WAITING_PICTURES = 128  # per eye, when no sound completes a frame; the oldest go first
 MAX_WAITING_POSES = 512
 MAX_REQUESTS = 8  # for one frame; nobody asks so often
+LOUDEST = 1000.0  # 60 dB over full scale: what is louder is no sound
 
 
 class Assembler:
@@ -42,7 +43,8 @@ class Assembler:
 
     Lost sound (a jump of the device counter) becomes silence with `audio_gap` set, so that frame
     numbers keep step with real time. Frame times come from the sample count, anchored to a packet
-    time; the anchor moves only when sample count and packet time have come 2 ms apart.
+    time; the anchor moves only when sample count and packet time have come 2 ms apart. What is no
+    sound, as NaN, counts as lost: the networks would hear it for ever.
     """
 
     def __init__(self, *, eye_tolerance_ns: int = EYE_TOLERANCE_NS) -> None:
@@ -108,7 +110,11 @@ class Assembler:
             self._append(np.zeros(min(missing, MAX_FILL), np.float32), gap=True)
         if abs(packet.t_ns - self._time_at(self._position)) > MAX_TIME_ERROR_NS:
             self._anchor_t_ns, self._anchor_position = packet.t_ns, self._position
-        self._append(packet.samples, gap=packet.gap)
+        is_sound = np.abs(packet.samples) <= LOUDEST  # False for NaN
+        if is_sound.all():
+            self._append(packet.samples, gap=packet.gap)
+        else:
+            self._append(np.where(is_sound, packet.samples, np.float32(0)), gap=True)
         self._next_sample = packet.first_sample + len(packet.samples)
 
     def _push_eye(self, packet: EyePacket) -> None:
@@ -198,7 +204,7 @@ class Assembler:
 
 
 def check_audio(packet: AudioPacket) -> None:
-    """Raise unless the samples are [n] float32. Their values are the driver's business."""
+    """Raise unless the samples are [n] float32. Their values may be anything."""
     if packet.samples.ndim != 1 or packet.samples.dtype != np.float32:
         raise InputError(
             f"audio packet: expected samples [n] float32, "

@@ -164,7 +164,7 @@ def test_nan_in_later_sound_changes_nothing_before() -> None:
     poison = AudioPacket(time_at(8000), 8000, np.full(8000, np.nan, np.float32))
     frames = assemble([audio(0, 8000), poison])
     assert all(np.isfinite(f.audio).all() for f in frames[:5])
-    assert np.isnan(frames[5].audio).all()
+    assert not frames[5].audio.any() and frames[5].audio_gap
 
 
 @pytest.mark.parametrize(
@@ -185,3 +185,15 @@ def test_bad_packets_are_input_errors(packet: Packet) -> None:
 def test_a_counter_that_goes_back_is_an_input_error() -> None:
     with pytest.raises(InputError, match="goes back"):
         assemble([audio(1600, 3200), audio(0, 1600)])
+
+
+@pytest.mark.parametrize("junk", [np.nan, -np.inf, 1e30])
+def test_what_is_no_sound_is_silence(junk: float) -> None:
+    """Red before: one such sample left a head without a shape for good, and ended a video."""
+    samples = np.full(1600, 0.5, np.float32)
+    samples[7] = junk
+    packets = [AudioPacket(0, 0, samples), AudioPacket(NS // 30, 1600, SOUND[:1600])]
+    first, second = assemble([*packets])
+    assert first.audio[7] == 0 and (np.delete(first.audio, 7) == 0.5).all()
+    assert first.audio_gap and not second.audio_gap
+    assert np.array_equal(second.audio, SOUND[:1600])
