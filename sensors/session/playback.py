@@ -9,8 +9,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from sensors.session.recording import Recording
-from sensors.session.timeline import AudioEntry, EyeEntry, end_ns
-from sensors.types import NS, AudioPacket, Clock, EyePacket, Packet, SourceInfo
+from sensors.session.timeline import AudioEntry, EmotionEntry, EyeEntry, end_ns
+from sensors.types import NS, AudioPacket, Clock, EmotionPacket, EyePacket, Packet, SourceInfo
 
 MAX_LATE_NS = NS  # after a stall of the machine it goes on from where it was
 
@@ -45,6 +45,7 @@ class Playback:
         self._played_ns = self._next = 0
         self._samples = self._shift = 0  # given out so far; to be added to what was recorded
         self._counters = [0, 0]
+        self._emotion = self._told = ""  # where it goes on; what was given out last
 
     def open(self) -> None:
         self._played_ns = self._clock.now_ns()
@@ -75,6 +76,8 @@ class Playback:
             return []
         self._position_ns += min(passed_ns, MAX_LATE_NS)
         packets: list[Packet] = []
+        if self._emotion != self._told:
+            packets.append(self._now(EmotionPacket(now_ns, self._emotion), 0))
         while end_ns(self._entries[self._next]) <= self._position_ns:
             packet = self._recording.packet(self._entries[self._next])
             if packet is None:
@@ -89,9 +92,12 @@ class Playback:
 
     def _go(self, to_ns: int) -> None:
         """Play on from this time of the recording."""
-        self._wanted_ns, self._position_ns = None, to_ns
-        later = (k for k, e in enumerate(self._entries) if end_ns(e) > to_ns)
+        self._wanted_ns, self._position_ns, self._emotion = None, to_ns, ""
+        later = (k for k, e in enumerate(self._entries) if end_ns(e) >= to_ns)
         self._next = next(later, 0)
+        for entry in self._entries[: self._next]:
+            if isinstance(entry, EmotionEntry):
+                self._emotion = entry.words
         sounds = (e for e in self._entries[self._next :] if isinstance(e, AudioEntry))
         first = next(sounds, None)
         self._shift = self._samples - (first.first_sample if first else 0)
@@ -105,4 +111,6 @@ class Playback:
         elif isinstance(packet, EyePacket):
             packet = replace(packet, counter=self._counters[packet.eye])
             self._counters[packet.eye] += 1
+        elif isinstance(packet, EmotionPacket):
+            self._emotion = self._told = packet.words
         return packet

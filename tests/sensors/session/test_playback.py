@@ -9,7 +9,7 @@ from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.session.playback import Playback
 from sensors.session.recording import Recording, RecordingWriter
-from sensors.types import FPS, NS, AudioPacket, EyePacket, Packet
+from sensors.types import FPS, NS, AudioPacket, EmotionPacket, EyePacket, Packet
 
 FRAMES = 30  # of a second, at the value k / FRAMES each
 
@@ -27,11 +27,16 @@ def folder(tmp_path: Path) -> Path:
 class Viewer:
     """Polls at 30 Hz and keeps the sound of every frame."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, eyes: bool = True) -> None:
         self.clock, self.away = ManualClock(), True
-        self.source = Playback(Recording(folder), self.clock, eyes=True, waits=lambda: self.away)
+        self.source = Playback(Recording(folder), self.clock, eyes=eyes, waits=lambda: self.away)
         self.assembler, self.packets = Assembler(), list[Packet]()
         self.source.open()
+
+    @property
+    def emotions(self) -> list[str]:
+        """That have come."""
+        return [p.words for p in self.packets if isinstance(p, EmotionPacket)]
 
     def watch(self, frames: int) -> list[int]:
         shown: list[int] = []
@@ -71,6 +76,29 @@ def test_it_waits_loops_pauses_and_jumps(folder: Path) -> None:
     assert pictures == list(range(len(pictures)))
     viewer.source.stop()
     assert viewer.source.exhausted and viewer.watch(3) == []
+
+
+def test_each_moment_has_its_emotion(tmp_path: Path) -> None:
+    """Red before: that of the start never came, and the last one stayed when it began anew."""
+    start_ns = 7 * NS
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        for k in range(FRAMES):
+            t_ns = start_ns + k * NS // FPS
+            if k in (0, 20):
+                writer.append(EmotionPacket(t_ns, "sad" if k else "happy"))
+            writer.append(AudioPacket(t_ns, 1600 * k, np.full(1600, k / 64, np.float32)))
+    viewer = Viewer(tmp_path / "s", eyes=False)
+    viewer.away = False
+    viewer.watch(FRAMES // 2)
+    assert viewer.emotions == ["happy"]
+    viewer.watch(FRAMES)
+    assert viewer.emotions[1] == "sad" and viewer.emotions[-1] == "happy"  # it has begun anew
+    viewer.source.jump(0.9)
+    viewer.watch(1)
+    assert viewer.emotions[-1] == "sad"
+    viewer.source.jump(0.3)
+    viewer.watch(1)
+    assert viewer.emotions[-1] == "happy"
 
 
 def test_a_session_without_sound_is_at_its_end(tmp_path: Path) -> None:
