@@ -92,7 +92,8 @@ class ClockMap:
     def _fit(self) -> None:
         if len(self._buckets) < MIN_HISTORY:
             return
-        points = np.array(self._buckets, np.int64)
-        x, y = np.asarray((points - points[0]).T, np.float64)
+        at, least = self._buckets[0]  # a device's own time may be more than 64 bits hold
+        points = [(device_ns - at, delay_ns - least) for device_ns, delay_ns in self._buckets]
+        x, y = np.array(points, np.float64).T
         line = cast(NDArray[np.float64], np.polyfit(x / NS, y, 1))
         self._slope = float(line[0]) / NS

@@ -75,3 +75,14 @@ def test_a_device_clock_that_was_set_ahead_is_followed_at_once() -> None:
     assert errors == [0, 0]
     feed(clock, 302, [JUMP_NS // 2], lost=-5 * NS)
     assert clock.jump_ns == 0
+
+
+def test_a_device_may_count_from_anywhere() -> None:
+    """Red before: a page's counter, or a camera's microseconds, ended the run or the camera after
+    twenty seconds."""
+    told = []
+    for start_ns in (0, 10**21):
+        clock = ClockMap()
+        told.append([clock.update(start_ns + k * NS // 4, k * NS // 4 + k % 7) for k in range(200)])
+        assert abs(clock.drift_ppm) < 1
+    assert max(abs(a - b) for a, b in zip(*told, strict=True)) < 1000
