@@ -94,6 +94,6 @@ class Picks:
             return isinstance(value, bool)
         if name == "avatar":
             return value in self.avatars
-        words, _, intensity = value.partition(":") if isinstance(value, str) else ("", "", "")
-        known = words in self.emotions and (not intensity or 0 <= float(intensity) <= 1)
+        words, colon, intensity = value.partition(":") if isinstance(value, str) else ("", "", "")
+        known = words in self.emotions and (not colon or 0 <= float(intensity) <= 1)
         return name == "emotion" and (value is None or known)

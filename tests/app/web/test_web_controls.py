@@ -37,6 +37,7 @@ def talker(decoder: Decoder) -> Iterator[Talker]:
         b'{"emotion": "furious"}',
         b'{"emotion": "happy:2"}',
         b'{"emotion": "happy:nan"}',
+        b'{"emotion": "happy:"}',  # red before: it ended the run
         b'{"emotion": {"happy": 1}}',
     ],
 )
