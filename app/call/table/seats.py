@@ -179,6 +179,8 @@ class SeatReader:
     def _push(self, identity: str, row: Any, face: FaceTrack) -> None:
         last = self._taken.get(identity, 0)
         numbers = row["ticks"]["number"].copy()
+        if numbers.max() < last:  # they had left: the count began anew
+            last = 0
         for number in np.sort(numbers[numbers > last]):
             slot = row["ticks"][number % SLOTS].copy()
             if slot["number"] != number or row["ticks"][number % SLOTS]["number"] != number:

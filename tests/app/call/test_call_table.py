@@ -45,6 +45,19 @@ def test_a_reader_of_the_memory_sees_the_pose_of_its_moment() -> None:
     assert reader.sitters(S) == []
 
 
+def test_who_comes_back_is_seen_at_once() -> None:
+    """Red before: a partner who had lost the connection had no face for as long as before."""
+    seats = seated("ann")
+    reader = SeatReader(seats)
+    assert reader.sitters(S)
+    seats.leave("ann")
+    seats.take("ann", "ANN", "ada")
+    seats.post("ann", tick(500), end_of(500, 0), 9 * S)
+    seats.hear("ann", (9 * S, float(end_of(500, 0)), 1.0), 0.0)
+    (sitter,) = reader.sitters(9 * S)
+    assert sitter.tick.index == 500
+
+
 def test_the_eighth_finds_no_seat_and_lines_are_cut() -> None:
     seats = seated(*"abcdefgh")
     assert len(SeatReader(seats).sitters(S)) == 7
