@@ -18,6 +18,7 @@ ON_TIME = 0.9  # share of the ticks that must have come when they are needed
 
 Code = NDArray[np.float32]
 AT_REST: Code = np.array([0, 0, 0, 1, 0, 0, 0, 0], np.float32)  # mm, wxyz, breath
+OTHER_SIGN: Code = np.array([1, 1, 1, -1, -1, -1, -1, 1], np.float32)  # of the same turn
 
 
 class Interpolation:
@@ -36,6 +37,8 @@ class Interpolation:
         if self._ticks and t_ns <= self._ticks[-1][0]:  # another run, or a looped one
             self._ticks.clear()
             self._delays_ns.clear()
+        elif self._ticks and head[3:7] @ self._ticks[-1][3][3:7] < 0:
+            head = head * OTHER_SIGN  # half way to the other one there is no turn at all
         self._ticks.append((t_ns, expression, gaze, head))
         self._delays_ns.append(posted_ns - t_ns)
         self._delay_ns = sorted(self._delays_ns)[int(ON_TIME * (len(self._delays_ns) - 1))]

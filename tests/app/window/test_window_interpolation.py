@@ -50,6 +50,18 @@ def test_it_lags_by_one_tick() -> None:
     assert drawn is not None and drawn[0][0] == 39.0
 
 
+def test_a_turn_told_with_the_other_sign_is_the_same_turn() -> None:
+    """Red before: a window crashed where a tracker changed the sign, as behind one's back."""
+    motion, head = Interpolation(), np.array([0, 0, 0, 0.1, 0, 0.995, 0, 0.5], np.float32)
+    for k in range(3):
+        sign = np.array([1, 1, 1, *[(-1) ** k] * 4, 1], np.float32)
+        motion.push(k * PERIOD_NS, k * PERIOD_NS, np.zeros(256, np.float32), gaze(0), head * sign)
+    for share in (0.25, 0.5, 1.25, 1.5, 5):
+        drawn = motion.at(round((1 + share) * PERIOD_NS))
+        assert drawn is not None
+        np.testing.assert_allclose(np.abs(drawn[2]), head, atol=1e-6)
+
+
 def test_a_missing_tick_holds_the_newest_and_none_is_none() -> None:
     motion = Interpolation()
     assert motion.at(0) is None
