@@ -180,7 +180,7 @@ class Window:
         picture = self._head.still(*shown, state.orbit)
         if state.mirror:
             picture = picture[:, ::-1]
-        path = free_name(Path.cwd(), f"livedrive-{state.avatar}")
+        path = free_name(Path.cwd(), state.avatar)
         try:
             with files.replacing(path, private=True, durable=False) as draft:
                 Image.fromarray(picture).save(draft)
@@ -189,9 +189,10 @@ class Window:
             state.say(f"No picture: {error.strerror or error}")
 
 
-def free_name(folder: Path, stem: str) -> Path:
-    """stem-001.png, or the first number after it that is not taken."""
+def free_name(folder: Path, avatar: str) -> Path:
+    """livedrive-AVATAR-001.png, or the first number after it that is not taken; an avatar may be a
+    file."""
     number = 1
-    while (path := folder / f"{stem}-{number:03d}.png").exists():
+    while (path := folder / f"livedrive-{Path(avatar).name}-{number:03d}.png").exists():
         number += 1
     return path

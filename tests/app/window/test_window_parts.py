@@ -190,6 +190,8 @@ def test_pictures_never_overwrite_each_other(tmp_path: Path) -> None:
     from app.window.window import free_name
 
     for number in range(1, 4):
-        path = free_name(tmp_path, "livedrive-ben")
+        path = free_name(tmp_path, "ben")
         assert path.name == f"livedrive-ben-{number:03d}.png"
         path.touch()
+    file = free_name(tmp_path, str(tmp_path / "my" / "ben.safetensors"))  # red before: a crash
+    assert file == tmp_path / "livedrive-ben.safetensors-001.png"
