@@ -1,7 +1,7 @@
 """What is plugged in: cameras of the system, serial ports, USB devices, and why one cannot be used.
 
 Flow: the operating system's lists -> FoundDevice -> `livedrive devices`, `livedrive doctor`.
-Microphones are listed by sensors.portaudio.
+Microphones are listed by sensors.audio.portaudio.
 """
 
 # pyright: reportMissingTypeStubs=false
@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sensors.cameras.usb.camera import describe, devices
+from sensors.cameras.usb.camera import FOREIGN, describe, devices
 from sensors.cameras.usb.descriptors import DescriptorError
 from sensors.cameras.usb.profiles import profile, udev_rule
 from sensors.types import InputError
@@ -86,6 +86,10 @@ def _usb_devices(backend: Any) -> Iterator[FoundDevice]:
             if known is None:
                 continue
             problem = "its video needs the system's driver; use its uvc: line"
+        except NotImplementedError:
+            if known is None:
+                continue
+            problem = FOREIGN
         except core.USBError as error:
             if known is None:
                 continue

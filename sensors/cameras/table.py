@@ -1,6 +1,6 @@
 """The eye cameras that `--eyes` can name: one row a scheme.
 
-To add a camera: a file with its Link (sensors/cameras/camera.py says what that is), and a row here.
+To add a camera: a file with its Link (sensors/picture.py says what that is), and a row here.
 """
 
 import re

@@ -6,6 +6,7 @@ and no isochronous transfers: a camera that is gone is looked for again by EyeCa
 
 import errno
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
@@ -31,6 +32,7 @@ from sensors.types import NS, Clock, InputError
 PROBE_CONTROL, COMMIT_CONTROL = 1, 2
 CONFIGURATION = 2  # descriptor type
 WRAP = 1 << 32  # presentation times are 32 bits
+FOREIGN = "Windows has another driver for it; use its uvc: name, or give it WinUSB with Zadig"
 
 
 class UsbLink:
@@ -52,7 +54,7 @@ class UsbLink:
         self._device, self._vive = found, None
         try:
             self._open(vendor, product)
-        except (core.USBError, DescriptorError, ValueError) as error:
+        except (core.USBError, DescriptorError, ValueError, NotImplementedError) as error:
             self.close()
             raise _lost(error, vendor, product) from None
         except CameraLostError:
@@ -90,8 +92,9 @@ class UsbLink:
     def _open(self, vendor: int, product: int) -> None:
         camera = describe(self._device)
         for interface in (camera.control_interface, camera.streaming_interface):
-            if self._device.is_kernel_driver_active(interface):
-                self._device.detach_kernel_driver(interface)
+            with suppress(NotImplementedError):  # not on Windows
+                if self._device.is_kernel_driver_active(interface):
+                    self._device.detach_kernel_driver(interface)
         known = profile(vendor, product)
         if known is not None and known.vive_commands:
             self._vive = ViveTracker(ExtensionUnit(self._device, camera.control_interface, UNIT))
@@ -137,7 +140,8 @@ def pyusb(module: str) -> Any:
 
 
 def describe(device: Any) -> CameraDescription:
-    """Read and parse the configuration of a pyusb device. Raises USBError, DescriptorError."""
+    """Read and parse the configuration of a pyusb device. Raises USBError, DescriptorError and,
+    where Windows has another driver for it, NotImplementedError."""
     control = pyusb("control")
     head = bytes(control.get_descriptor(device, 9, CONFIGURATION, 0))
     total = int.from_bytes(head[2:4], "little")
@@ -175,4 +179,6 @@ def _lost(error: Exception, vendor: int, product: int) -> Exception:
         rule = udev_rule(vendor, product)
         place = "/etc/udev/rules.d/60-livedrive.rules"
         return CameraLostError(f"no permission; write this line to {place}: {rule}")
+    if isinstance(error, NotImplementedError):
+        return CameraLostError(FOREIGN)
     return error if isinstance(error, OSError) else CameraLostError(f"USB: {error}")

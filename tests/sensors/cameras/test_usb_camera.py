@@ -95,6 +95,39 @@ def test_without_permission_the_udev_rule_is_told(start: Start) -> None:
     assert found.spec == BEYOND
 
 
+class OnWindows(UsbCamera):
+    """libusb there knows of no drivers to detach, and opens no device that has another one."""
+
+    foreign = False
+
+    def __init__(self) -> None:
+        super().__init__(FILM, rate_hz=60)
+        self._driver = set()
+
+    def is_kernel_driver_active(self, dev_handle: object, intf: int) -> bool:
+        raise NotImplementedError
+
+    def open_device(self, dev: object) -> str:
+        if self.foreign:
+            raise NotImplementedError
+        return super().open_device(dev)
+
+
+def test_windows_has_no_driver_to_detach(start: Start) -> None:
+    """Red before: the camera's thread ended without a word."""
+    assert collect(start(BEYOND, OnWindows()), 4)
+
+
+def test_windows_with_another_driver_is_told(start: Start) -> None:
+    """Red before: `livedrive devices` ended, and a camera's thread."""
+    backend = OnWindows()
+    backend.foreign = True
+    camera = start(BEYOND, backend)
+    wait_until(lambda: "WinUSB" in camera.problem, "the reason")
+    (found,) = [d for d in found_devices(backend) if d.kind == "usb"]
+    assert "WinUSB" in found.problem
+
+
 def test_devices_name_the_likely_headset() -> None:
     (found,) = [d for d in found_devices(UsbCamera(FILM)) if d.kind == "usb"]
     assert "Bigscreen" in found.headset
