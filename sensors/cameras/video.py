@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from sensors.cameras import reasons
 from sensors.picture import BadPictureError, CameraLostError, JpegDecoder, Shot, gray
-from sensors.session.eye_video import open_video
+from sensors.session.eye_video import open_video, pictures_of
 from sensors.session.recording import Recording
 from sensors.types import FPS, NS, Clock
 
@@ -92,11 +92,12 @@ def file_pictures(path: Path) -> Iterator[tuple[int, NDArray[np.uint8]]]:
         with open_video(path) as container:
             stream = container.streams.video[0]
             period_ns = int(NS / (stream.average_rate or FPS))
-            count = 0
-            for frame in container.decode(stream):
-                yield start_ns + count * period_ns, gray(frame)
-                count += 1
-        if count == 0:
+            count = whole = 0
+            for count, picture in enumerate(pictures_of(container), 1):
+                if picture is not None:
+                    whole += 1
+                    yield start_ns + (count - 1) * period_ns, picture
+        if not whole:
             return
         start_ns += count * period_ns
 

@@ -149,22 +149,27 @@ class EyeVideoReader:
             raise EOFError from None
 
     def _decode(self) -> Iterator[NDArray[np.uint8] | None]:
-        from av import error as av_error
-
         with open_video(self._path) as container:
-            stream = container.streams.video[0]
-            stream.codec_context.thread_count = 1
+            container.streams.video[0].codec_context.thread_count = 1
+            yield from pictures_of(container)
+
+
+def pictures_of(container: Any) -> Iterator[NDArray[np.uint8] | None]:
+    """Every picture [H, W] of a video; None for one that is damaged, so that the numbers of the
+    later ones stay right."""
+    from av import error as av_error
+
+    try:
+        for packet in container.demux(video=0):
             try:
-                for packet in container.demux(stream):
-                    try:
-                        frames = packet.decode()
-                    except av_error.InvalidDataError:
-                        yield None  # damaged; the numbers of the later pictures stay right
-                        continue
-                    for frame in frames:
-                        yield gray(frame)
-            except av_error.FFmpegError:
-                return  # cut off in the middle: the video ends here
+                frames = packet.decode()
+            except av_error.InvalidDataError:
+                yield None
+                continue
+            for frame in frames:
+                yield gray(frame)
+    except av_error.FFmpegError:
+        return  # cut off in the middle: the video ends here
 
 
 def open_video(path: Path) -> Any:

@@ -11,7 +11,7 @@ from material import video, wav
 from waiting import wait_until
 
 from sensors.cameras.spec import cameras
-from sensors.cameras.video import DriverLink
+from sensors.cameras.video import DriverLink, file_pictures
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.live.source import LiveSource
 from sensors.picture import JpegDecoder
@@ -19,7 +19,7 @@ from sensors.session.files import create
 from sensors.standins.eye_pictures import film, jpeg
 from sensors.standins.mjpeg import FAULTS, MjpegServer
 from sensors.standins.serial_camera import SerialCamera
-from sensors.types import EyePacket, InputError
+from sensors.types import NS, EyePacket, InputError
 
 FILM = film(12)
 
@@ -180,6 +180,18 @@ def test_recorded_eyes_play_as_if_live(tmp_path: Path, start: Start) -> None:
     smoke = Path(__file__).parents[3] / "recordings" / "smoke"
     packets = collect(start(f"session:{smoke}"), 12)
     assert {p.eye for p in packets} == {0, 1}
+
+
+def test_a_damaged_picture_of_a_video_is_left_out(tmp_path: Path) -> None:
+    """Red before: it ended the camera's thread."""
+    path = video(tmp_path / "eye.avi")
+    data = bytearray(path.read_bytes())
+    middle = len(data) // 2
+    data[middle : middle + len(data) // 8] = np.random.default_rng(0).bytes(len(data) // 8)
+    path.write_bytes(data)
+    pictures = file_pictures(path)
+    times = [next(pictures)[0] for _ in range(70)]
+    assert times == sorted(set(times)) and times[-1] > 70 / 30 * NS  # some were left out
 
 
 def test_cameras_behind_the_systems_driver_are_read_through_ffmpeg() -> None:
