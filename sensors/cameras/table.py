@@ -14,7 +14,7 @@ from sensors.cameras.camera import Connect
 from sensors.cameras.views import Views
 from sensors.session.eye_video import open_video
 from sensors.session.recording import Recording
-from sensors.types import Clock, InputError
+from sensors.types import FPS, Clock, InputError
 
 SIDE_BY_SIDE = 1.4  # a video of both eyes is at least so many times as wide as high
 
@@ -41,7 +41,7 @@ class CameraScheme:
 def _uvc(target: CameraTarget, clock: Clock) -> Connect:
     from sensors.cameras.video import DriverLink
 
-    device, container_format = target.text, "v4l2"
+    device, container_format, options = target.text, "v4l2", dict[str, str]()
     if sys.platform == "win32":  # DirectShow counts no cameras
         if device.isdigit():
             raise InputError(
@@ -51,9 +51,10 @@ def _uvc(target: CameraTarget, clock: Clock) -> Connect:
         device, container_format = f"video={device}", "dshow"
     elif sys.platform == "darwin":
         container_format = "avfoundation"  # by number or name
+        options = {"framerate": str(FPS)}  # no camera there has FFmpeg's own, 29.97
     elif device.isdigit():
         device = f"/dev/video{device}"
-    return lambda: DriverLink(device, container_format, clock)
+    return lambda: DriverLink(device, container_format, clock, options)
 
 
 def _http(target: CameraTarget, clock: Clock) -> Connect:

@@ -4,7 +4,7 @@ Flow: V4L2 device | video file | session -> Shot. FFmpeg (PyAV) reads all of the
 """
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,8 @@ from sensors.session.eye_video import open_video, pictures_of
 from sensors.session.recording import Recording
 from sensors.types import FPS, NS, Clock
 
+LOOK_S = 0.002  # between two looks for a picture where the driver does not wait for one
+
 
 class DriverLink:
     """A camera that FFmpeg opens by itself, e.g. /dev/video0 with format v4l2.
@@ -24,13 +26,15 @@ class DriverLink:
     Reading blocks in the driver; a camera that stalls there holds up its own thread only.
     """
 
-    def __init__(self, device: str, container_format: str, clock: Clock) -> None:
+    def __init__(
+        self, device: str, container_format: str, clock: Clock, options: Mapping[str, str]
+    ) -> None:
         import av
         from av import error as av_error
 
         self._clock, self._decode = clock, JpegDecoder()
         try:
-            self._container: Any = av.open(device, format=container_format)
+            self._container: Any = av.open(device, format=container_format, options=dict(options))
         except (av_error.FFmpegError, ValueError, OSError) as error:
             raise reasons.lost(error) from None
         self._stream = self._container.streams.video[0]
@@ -46,6 +50,10 @@ class DriverLink:
             if self._jpeg:
                 return Shot(self._decode(bytes(packet)), arrival_ns)
             frames = packet.decode()
+        except av_error.BlockingIOError:  # of macOS, whose driver does not wait for a picture
+            self._packets = self._container.demux(self._stream)
+            time.sleep(LOOK_S)
+            return None
         except av_error.InvalidDataError as error:
             raise BadPictureError(str(error)) from None
         except (av_error.FFmpegError, StopIteration, OSError) as error:

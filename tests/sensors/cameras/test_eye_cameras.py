@@ -1,9 +1,12 @@
 """Eye cameras over real HTTP and a real serial line: pictures, failures, and back again."""
 
+import errno
+import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 from cameras_material import Start, collect, opening
@@ -11,7 +14,9 @@ from material import video, wav
 from waiting import wait_until
 
 from sensors.cameras.spec import cameras
+from sensors.cameras.table import SCHEMES, CameraTarget
 from sensors.cameras.video import DriverLink, file_pictures
+from sensors.cameras.views import Views
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.live.source import LiveSource
 from sensors.picture import JpegDecoder
@@ -196,10 +201,45 @@ def test_a_damaged_picture_of_a_video_is_left_out(tmp_path: Path) -> None:
 
 def test_cameras_behind_the_systems_driver_are_read_through_ffmpeg() -> None:
     """FFmpeg's own test picture in place of /dev/video0: the same reader, another input format."""
-    link = DriverLink("testsrc=size=640x480:rate=30", "lavfi", MonotonicClock())
+    link = DriverLink("testsrc=size=640x480:rate=30", "lavfi", MonotonicClock(), {})
     shot = link.read(1.0)
     assert shot is not None
     assert shot.image.shape == (480, 640)
+    link.close()
+
+
+def test_a_camera_of_macos_is_asked_again_for_its_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: each try opened it anew, at a rate that none of them has, and got nothing."""
+    opened: list[object] = []
+    real = av.open
+
+    class NotYet:
+        """Says at every other look that there is no picture yet."""
+
+        def __init__(self) -> None:
+            self._test = real("testsrc=size=640x480:rate=30", format="lavfi")
+            self.streams, self._looks = self._test.streams, 0
+
+        def demux(self, stream: object) -> Iterator[object]:
+            for packet in self._test.demux(stream):
+                self._looks += 1
+                if self._looks % 2:
+                    raise av.error.BlockingIOError(errno.EAGAIN, "nothing yet")
+                yield packet
+
+        def close(self) -> None:
+            self._test.close()
+
+    def av_open(device: str, format: str, options: dict[str, str]) -> NotYet:  # noqa: A002
+        opened.append((device, format, options))
+        return NotYet()
+
+    monkeypatch.setattr(sys, "platform", "darwin")
+    monkeypatch.setattr(av, "open", av_open)
+    link = SCHEMES["uvc"].open(CameraTarget("0", Views()), MonotonicClock())()
+    shots = [link.read(1.0) for _ in range(8)]
+    assert len([shot for shot in shots if shot is not None]) == 4
+    assert opened == [("0", "avfoundation", {"framerate": "30"})]
     link.close()
 
 
