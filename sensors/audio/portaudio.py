@@ -106,7 +106,8 @@ class InputStream:
         sounddevice = library()
         try:
             # PortAudio lists devices once; only starting over sees what was plugged in since.
-            sounddevice._terminate()
+            if sounddevice._initialized:  # else to start it over has failed before
+                sounddevice._terminate()
             sounddevice._initialize()
             if device is None and sounddevice.default.device[0] < 0:
                 raise DeviceError("no microphone is plugged in")

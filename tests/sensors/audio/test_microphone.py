@@ -57,6 +57,26 @@ def listen(microphone: Microphone, seconds: float) -> list[AudioPacket]:
     return packets
 
 
+def test_a_library_that_could_not_start_once_is_started_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Red before: it was not, and no microphone came back."""
+    sounddevice, tries = portaudio.library(), 0
+    start = sounddevice._initialize  # noqa: SLF001
+
+    def initialize() -> None:
+        nonlocal tries
+        tries += 1
+        if tries == 1:
+            raise sounddevice.PortAudioError("not now")
+        start()
+
+    monkeypatch.setattr(sounddevice, "_initialize", initialize)
+    for reason in ("not now", "no such"):
+        with pytest.raises(portaudio.DeviceError, match=reason):
+            portaudio.InputStream("no such microphone", MonotonicClock(), None, 1)
+
+
 @pytest.mark.slow
 def test_what_is_played_arrives_bit_for_bit(server: PulseServer, running: Microphone) -> None:
     """On a machine that stalls the player itself may run dry, so it may play up to six times."""
