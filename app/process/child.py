@@ -33,7 +33,11 @@ def start(
     """Start `python -m module`; it calls `begin`."""
     command = [sys.executable, "-m", module]
     if sys.platform == "win32":
-        process = subprocess.Popen(command, stdin=subprocess.PIPE)
+        # The python.exe of a virtual environment starts another one, which could take over nothing
+        # from us: as multiprocessing does, start that one.
+        command[0] = str(getattr(sys, "_base_executable", sys.executable))
+        venv = {"__PYVENV_LAUNCHER__": sys.executable} if command[0] != sys.executable else {}
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, env=os.environ | venv)
         shared = base64.b64encode(end.socket.share(process.pid)).decode() if end else ""
     else:
         kept = [number for handle in memories for number in memory.inherited(handle)]

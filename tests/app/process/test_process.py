@@ -1,5 +1,6 @@
 """What crosses between processes: packets whole and in order, memory by either way."""
 
+import io
 import multiprocessing
 import os
 import signal
@@ -9,6 +10,8 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -137,6 +140,29 @@ def test_a_child_opens_memory_of_both_kinds_and_takes_the_channel(
     ours.close()
     assert int(arrays[1][0]) == 7
     assert capfd.readouterr().err == ""
+
+
+def test_windows_shares_with_the_python_behind_a_virtual_environment(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Red before: with its redirector, which is none of ours. Seen here as far as Linux can."""
+    started: list[tuple[list[str], dict[str, str]]] = []
+
+    def popen(command: list[str], stdin: int, env: dict[str, str]) -> SimpleNamespace:
+        started.append((command, env))
+        return SimpleNamespace(pid=7, stdin=io.BytesIO())
+
+    shared: list[int] = []
+    end: Any = SimpleNamespace(socket=SimpleNamespace(share=lambda pid: shared.append(pid) or b""))
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "platform", "win32")
+        patch.setattr(sys, "executable", "venv/python.exe")
+        patch.setattr(sys, "_base_executable", "base/python.exe")
+        patch.setattr(subprocess, "Popen", popen)
+        child.start("app.web", Info(7), end=end)
+    ((command, env),) = started
+    assert command == ["base/python.exe", "-m", "app.web"] and shared == [7]
+    assert env["__PYVENV_LAUNCHER__"] == "venv/python.exe"
 
 
 def test_memory_that_is_gone_is_named() -> None:
