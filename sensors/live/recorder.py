@@ -8,6 +8,7 @@ another session beside the first.
 import queue
 import threading
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -67,10 +68,13 @@ class LiveRecorder:
             self._stop("the disk is too slow")
 
     def close(self) -> None:
-        """Write what is waiting and finish the session."""
+        """Write what is waiting and finish the session; a disk that hangs is waited for so long."""
         if self._thread is not None:
-            self._queue.put(None)
-            self._thread.join(JOIN_S)
+            with suppress(queue.Full):
+                self._queue.put(None, timeout=JOIN_S)
+                self._thread.join(JOIN_S)
+            if self._thread.is_alive():
+                self._stop("the disk does not answer")
             self._thread = None
 
     def _run(self) -> None:

@@ -4,6 +4,7 @@ import resource
 import stat
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
@@ -12,7 +13,7 @@ from material import packets, same_packet
 from sensors.live.recorder import LiveRecorder
 from sensors.session import wav
 from sensors.session.export import export
-from sensors.session.recording import Recording
+from sensors.session.recording import Recording, RecordingWriter
 from sensors.types import EmotionPacket, InputError, Packet
 
 
@@ -54,6 +55,33 @@ def test_sound_that_no_longer_fits_goes_on_in_another_session(
             assert isinstance(first, EmotionPacket) and first.words == "happy"
             got += rest
     assert all(b is not None and same_packet(a, b) for a, b in zip(sent[1:], got, strict=True))
+
+
+@pytest.mark.parametrize("waiting", [1, 2000])
+def test_a_disk_that_hangs_holds_up_no_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waiting: int
+) -> None:
+    """Red before: with a full queue `close` never returned, and else nothing was told."""
+    began, goes_on = threading.Event(), threading.Event()
+
+    def hang(self: RecordingWriter, packet: Packet) -> None:
+        began.set()
+        goes_on.wait()
+
+    monkeypatch.setattr(RecordingWriter, "append", hang)
+    monkeypatch.setattr("sensors.live.recorder.JOIN_S", 0.05)
+    told = list[str]()
+    tape = recorder(tmp_path / "s", told)
+    tape.append(EmotionPacket(0, "happy"))
+    assert began.wait(30)
+    for _ in range(waiting):
+        tape.append(EmotionPacket(0, "happy"))
+    closing = threading.Thread(target=tape.close, daemon=True)
+    closing.start()
+    closing.join(5)
+    assert not closing.is_alive() and len(told) == 1
+    assert ("too slow" if waiting > 1 else "does not answer") in told[0]
+    goes_on.set()
 
 
 def test_recordings_belong_to_their_owner_alone(tmp_path: Path) -> None:
