@@ -115,16 +115,16 @@ HELP = "; ".join(f"{entry.example} ({entry.help})" for entry in SCHEMES.values()
 
 def parse(url: str) -> Address:
     """Read one URL; raises InputError naming the known schemes."""
-    parts = urlsplit(url)
     known = ", ".join(entry.example for entry in SCHEMES.values())
     problem = InputError(f"--send: expected an address like {known}, got {url!r}; name one")
-    if parts.scheme not in SCHEMES or not parts.hostname:
-        raise problem
     try:
+        parts = urlsplit(url)
+        if parts.scheme not in SCHEMES or not parts.hostname:
+            raise problem
         usual = urlsplit(SCHEMES[parts.scheme].example).port
         port = usual if parts.port is None else parts.port
     except ValueError:
-        port = None
+        raise problem from None
     path = unquote(parts.path.strip("/"))
     if not port or not path.isprintable():
         raise problem

@@ -76,8 +76,12 @@ def read_csv(path: Path) -> Iterator[HeadPacket]:
 def _rows(path: Path) -> Iterator[tuple[float, float, float, float, float]]:
     """Seconds, frame in the second, yaw, pitch, roll."""
     # render/arkit.py reads the blendshapes of the same table: neither package imports the other.
-    table = csv.reader(files.read_text(path).splitlines())
-    header = next(table, list[str]())
+    try:
+        header, *rows = [*csv.reader(files.read_text(path).splitlines()), list[str]()]
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise InputError(
+            f"{path}: expected a Live Link Face CSV, got {error}; export the take again"
+        ) from None
     header[:1] = [name.removeprefix("\ufeff") for name in header[:1]]
     missing = [name for name in COLUMNS if name not in header]
     if missing:
@@ -86,7 +90,7 @@ def _rows(path: Path) -> Iterator[tuple[float, float, float, float, float]]:
             f"{', '.join(missing)}; export the take again"
         )
     at = [header.index(name) for name in COLUMNS]
-    for number, row in enumerate(table, 2):
+    for number, row in enumerate(rows, 2):
         if not row:
             continue
         try:

@@ -49,15 +49,16 @@ def _udp(decoder: Callable[[], Decode], port: int, max_datagram: int):  # noqa: 
 
 def _address(spec: str, port: int) -> tuple[str, int]:
     """Host and port to listen at; this machine alone unless the SPEC names another address."""
-    parts = urlsplit(spec)
+    scheme = spec.partition(":")[0]
     try:
+        parts = urlsplit(spec)
         number = port if parts.port is None else parts.port
-    except ValueError:
-        number = -1
-    if not spec.startswith(f"{parts.scheme}://") or number < 0 or parts.path.strip("/"):
+    except ValueError:  # no address, or no port
+        parts, number = urlsplit(""), -1
+    if not spec.startswith(f"{scheme}://") or number < 0 or parts.path.strip("/"):
         raise InputError(
-            f"--head: expected {parts.scheme}://:PORT or {parts.scheme}://HOST:PORT with a port "
-            f"of 0 to 65535, got {spec!r}; try {parts.scheme}://:{port}"
+            f"--head: expected {scheme}://:PORT or {scheme}://HOST:PORT with a port of 0 to 65535, "
+            f"got {spec!r}; try {scheme}://:{port}"
         )
     return parts.hostname or LOOPBACK, number
 

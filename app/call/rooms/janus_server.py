@@ -82,7 +82,11 @@ def token(key: str, now_s: int) -> str:
 def room_invite(server: str, room: str, secret: bytes, key: str, now_s: int) -> Invite:
     """The invite to a room on `server`, ws://HOST:PORT or wss://HOST:PORT#FINGERPRINT, as
     `livedrive call server` printed it. Raises InputError where it is neither."""
-    url = urlsplit(server)
+    try:
+        url = urlsplit(server)
+        port = url.port or 8188
+    except ValueError:  # no address, or no port
+        url, port = urlsplit(""), 0
     fingerprint = bytes.fromhex(url.fragment) if HEX.fullmatch(url.fragment) else b""
     scheme = "wss" if fingerprint else "ws"
     good = url.scheme == scheme and url.hostname and ROOM.fullmatch(room)
@@ -92,7 +96,7 @@ def room_invite(server: str, room: str, secret: bytes, key: str, now_s: int) -> 
             f"file, got room {room[:40]!r} on {server[:60]!r}; see livedrive call server"
         )
     passed = token(key, now_s)
-    return Invite("room", url.hostname or "", url.port or 8188, secret, fingerprint, room, passed)
+    return Invite("room", url.hostname or "", port, secret, fingerprint, room, passed)
 
 
 def write_configuration(folder: Path, settings: ServerSettings) -> Path:

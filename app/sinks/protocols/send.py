@@ -30,19 +30,19 @@ class Receiver:
     """One receiver. UDP asks nobody; that no one listens is heard only from this machine."""
 
     def __init__(self, url: str, host: str, port: int, encode: Encoder) -> None:
-        """Raises InputError at a host that cannot be found."""
+        """Raises InputError at a host that cannot be found, or not be sent to."""
         self.url, self.encode = url, encode
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(
                 host, port, type=socket.SOCK_DGRAM
             )[0]
+            self._socket = socket.socket(family, kind, protocol)
+            self._socket.setblocking(False)
+            self._socket.connect(address)  # refused by the system: an address of many, or no way
         except (OSError, UnicodeError) as error:
             raise InputError(
-                f"--send {url}: expected a host that can be found, got {error}; try 127.0.0.1"
+                f"--send {url}: expected a host that can be sent to, got {error}; try 127.0.0.1"
             ) from error
-        self._socket = socket.socket(family, kind, protocol)
-        self._socket.setblocking(False)
-        self._socket.connect(address)
         self.sent, self.lost, self.reconnects = 0, 0, 0  # ticks, ticks, times it was met again
         self._heard = SURE  # ticks since it was last refused
         self._cost_ns = np.full((COSTS, 2), 0, np.int64)  # wall, this thread's CPU; nothing grows

@@ -267,6 +267,8 @@ def test_an_invite_to_a_room_is_whole_or_refused() -> None:
     server = "wss://example.org:8989#" + "ab" * 32
     invite = room_invite(server, "choir", bytes(16), KEY, 1000)
     assert parse(str(invite)) == invite and invite.fingerprint == b"\xab" * 32
-    for bad in (("http://x:1", "choir", KEY), (server, "a b", KEY), (server, "choir", "12")):
+    bad_words = [("http://x:1", "choir", KEY), (server, "a b", KEY), (server, "choir", "12")]
+    bad_words += [("ws://h:99999", "choir", KEY), ("ws://[::1", "choir", KEY)]
+    for bad in bad_words:
         with pytest.raises(InputError, match="livedrive call server"):
             room_invite(bad[0], bad[1], bytes(16), bad[2], 1000)

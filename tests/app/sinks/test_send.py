@@ -212,11 +212,19 @@ def test_every_datagram_fits_an_ethernet_frame(
 
 @pytest.mark.parametrize(
     "url",
-    ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x", "vrchat://h/a%00b"],
+    ["", "vmc", "vmc://", "osc://127.0.0.1:1", "vmc://h:99999", "vmc://h:x", "vrchat://h/a%00b"]
+    + ["vmc://[::1"],
 )
 def test_a_wrong_address_is_one_line(url: str) -> None:
     with pytest.raises(InputError, match="vmc://127.0.0.1:39539"):
         parse(url)
+
+
+def test_an_address_of_everybody_is_refused() -> None:
+    """Red before: the system's words, and nothing of which option."""
+    url = "vmc://255.255.255.255:39539"
+    with pytest.raises(InputError, match=f"--send {url}"):
+        Receiver(url, "255.255.255.255", 39539, VmcEncoder())
 
 
 def test_a_receiver_that_comes_late_is_counted_and_met(

@@ -168,15 +168,19 @@ def test_specs(tmp_path: Path) -> None:
         source.open()
         source.close()
     empty = write(tmp_path / "empty", [])
+    no_text = tmp_path / "no_text.csv"
+    no_text.write_bytes(bytes(range(128, 256)))
     bad = (
         "vmc",
         "vmc:",
         "vmc://:99999",
         "vmc://:x",
         "vmc://:1/x",
+        "vmc://[::1",
         "nosuch://:1",
         "",
         "file:none.csv",
+        f"file:{no_text}",
     )
     for spec in (*bad, f"session:{empty}", f"session:{tmp_path}"):
         with pytest.raises(InputError):
