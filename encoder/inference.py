@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import ctypes
-import json
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,6 +17,7 @@ from encoder.denoiser.config import DenoiserConfig
 from encoder.denoiser.config import weight_shapes as denoiser_shapes
 from encoder.nn.checkpoint import check_shapes, config_from, load
 from encoder.types import Condition, Weights
+from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -125,7 +125,10 @@ def eyes_fit(folder: Path) -> bool:
         path = folder / f"{name}.json"
         if not path.is_file():
             return False
-        cards[name] = json.loads(path.read_text())
+        try:
+            cards[name] = files.read_json(path)
+        except ValueError as error:
+            raise InputError(f"checkpoint {path}: expected JSON, got {error}; restore it") from None
     seeing = cards[STUDENTS["eyes"]]
     return (
         seeing.get("audio_model", {}).get("sha256") == cards[STUDENTS["gaze"]]["sha256"]

@@ -213,3 +213,6 @@ def test_auto_sees_only_with_weights_that_belong_together(tmp_path: Path) -> Non
     assert eyes_fit(tmp_path)
     card("student", sha256="trained anew")
     assert not eyes_fit(tmp_path)
+    (tmp_path / "student.json").write_text("{")  # red before: a traceback
+    with pytest.raises(InputError, match="restore"):
+        eyes_fit(tmp_path)
