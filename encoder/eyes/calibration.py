@@ -92,7 +92,8 @@ class EyeCalibration:
             )
         except (KeyError, TypeError, ValueError, OverflowError, IndexError):
             good, arrays = False, {}
-        if not good or (arrays["open"] - arrays["shut"]).min() <= 0:
+        # as it is applied: a lid that opens by less than 32 bits tell would be no number
+        if not good or (np.subtract(arrays["open"], arrays["shut"], dtype=np.float32) <= 0).any():
             raise InputError(
                 f"eye calibration {where}: expected format {FORMAT} with {', '.join(shapes)}, got "
                 f"another; {cure}"

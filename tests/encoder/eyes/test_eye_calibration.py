@@ -226,6 +226,7 @@ GOOD = EyeCalibration().to_json()
 @pytest.mark.parametrize(
     "words", ["", "[]", "{}", json.dumps(GOOD | {"format": 2}),  # of the version before
               json.dumps(GOOD | {"matrix": [[1]]}), json.dumps(GOOD | {"shut": [1, 0]}),
+              json.dumps(GOOD | {"shut": [1 - 1e-12] * 2}),  # red before: a head without a shape
               json.dumps(GOOD | {"shift": [[0, 0], [0, float("nan")]]}),
               json.dumps(GOOD | {"moves": [[[0, 0]], [[0, 1e30]]]}),
               json.dumps(GOOD | {"moves": [[[0, 0]]]}), json.dumps(GOOD | {"moves": 0}),
