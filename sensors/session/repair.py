@@ -16,6 +16,8 @@ from sensors.session.timeline import AudioEntry, Entry, EyeEntry, entry_line, re
 from sensors.session.wav import repair_header
 from sensors.types import EYE_NAMES, InputError
 
+HELD = 1 << 40  # byte of the timeline that is locked on Windows, where nobody can read what is
+
 
 def repair(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
     """Mend the files of an interrupted recording and return its new, closed card."""
@@ -30,6 +32,8 @@ def repair(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
                     f"{folder}: expected a finished session, got one that is being recorded; "
                     "stop the recording first"
                 )
+            if sys.platform == "win32":
+                file.close()  # what is open there cannot be replaced
             return _mend(folder, card)
     except PermissionError as error:
         raise InputError(
@@ -40,13 +44,18 @@ def repair(folder: Path, card: dict[str, Any]) -> dict[str, Any]:
 
 def lock(timeline: BinaryIO | Any) -> bool:
     """Hold the session for as long as `timeline` is open; False if another process holds it."""
-    if sys.platform != "win32":
-        import fcntl
+    try:
+        if sys.platform == "win32":
+            import msvcrt
 
-        try:
+            timeline.seek(HELD)
+            msvcrt.locking(timeline.fileno(), msvcrt.LK_NBLCK, 1)
+        else:
+            import fcntl
+
             fcntl.flock(timeline.fileno(), fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return False
+    except (BlockingIOError, PermissionError):  # of Linux and macOS, and of Windows
+        return False
     return True
 
 

@@ -1,5 +1,6 @@
 """Sessions on disk: exact round trip, lazy access, and what survives `kill -9`."""
 
+import errno
 import json
 import os
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +16,10 @@ import soundfile
 from material import image, packets, same_packet
 
 from sensors.session.files import replay_frames
+from sensors.session.format import read_card
 from sensors.session.recording import Recording, RecordingWriter
+from sensors.session.repair import repair
+from sensors.session.timeline import read_timeline
 from sensors.types import NS, SAMPLE_RATE, AudioPacket, EyePacket, InputError
 
 RECORDER = """
@@ -227,6 +232,35 @@ def test_a_session_in_use_is_left_alone(tmp_path: Path) -> None:
             Recording(tmp_path / "s")
         writer.append(AudioPacket(1, 10, np.zeros(10, np.float32)))
     assert len(Recording(tmp_path / "s").entries) == 2
+
+
+def test_windows_repairs_and_knows_what_is_in_use(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: nothing open can be replaced there, and no session was known to be in use. Seen
+    here as far as Linux can: with its rule for what is open, and with locks that are counted."""
+    folder, held, move = interrupted(tmp_path), list[int](), os.replace
+
+    def locking(number: int, mode: int, count: int) -> None:
+        if held:
+            raise PermissionError(errno.EACCES, "Permission denied")
+
+    def replace(draft: Path, path: Path) -> None:
+        links = [f"/proc/self/fd/{number}" for number in os.listdir("/proc/self/fd")]
+        if str(path) in {os.readlink(link) for link in links if os.path.lexists(link)}:
+            raise PermissionError(errno.EACCES, "Access is denied", str(path))
+        move(draft, path)
+
+    monkeypatch.setattr(sys, "platform", "win32")
+    windows = SimpleNamespace(locking=locking, LK_NBLCK=2)
+    monkeypatch.setitem(sys.modules, "msvcrt", windows)  # type: ignore[arg-type]
+    monkeypatch.setattr(os, "replace", replace)
+    held.append(1)
+    with pytest.raises(InputError, match="being recorded"):
+        repair(folder, read_card(folder))
+    held.clear()
+    assert repair(folder, read_card(folder))["repaired"]
+    assert read_timeline(folder, closed=True)
 
 
 def test_writer_refuses_bad_use(tmp_path: Path) -> None:
