@@ -23,6 +23,7 @@ class CallTape:
         self._link, self._record_to = link, record_to
         self._folder = first or STEM
         self._tape: Tape | None = None
+        self._stopped: list[Tape] = []
         self._asked = False
 
     @property
@@ -50,13 +51,18 @@ class CallTape:
             self._stop()
 
     def close(self) -> None:
+        """Finish every session."""
         self._stop()
+        while self._stopped:
+            tape = self._stopped.pop(0)
+            tape.close()
+            self.sessions += tape.sessions
+            self.problem = tape.problem or self.problem
 
     def _stop(self) -> None:
         if self._tape is not None:
-            self._tape.close()
-            self.sessions += self._tape.sessions
-            self.problem = self._tape.problem or self.problem
+            self._tape.apply(Controls(avatar="", recording=False))  # no tick waits for its end
+            self._stopped.append(self._tape)
             self._tape = None
 
     def _free(self) -> Path:

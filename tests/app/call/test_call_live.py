@@ -1,5 +1,6 @@
 """What stands between the loop and the call: echo canceller, tape with consent, the wire."""
 
+import threading
 from dataclasses import replace
 from pathlib import Path
 
@@ -110,13 +111,37 @@ def test_nothing_is_written_without_consent(tmp_path: Path) -> None:
     assert len(recorders[0].packets) == 1
     link.seats.may_record = False  # somebody takes it back
     tape.append(packet)
-    assert recorders[0].closed and len(recorders[0].packets) == 1
+    assert len(recorders[0].packets) == 1
     link.seats.may_record = True
     tape.append(packet)
     assert tape.wanted and len(recorders) == 2
     tape.apply(replace(Controls(avatar="ben"), recording=False))
-    assert recorders[1].closed and link.changes[-1] == {"records": False}
+    assert link.changes[-1] == {"records": False}
+    tape.close()
+    assert recorders[0].closed and recorders[1].closed
     assert [p.name for p in tape.sessions] == ["take", "take-001"]
+
+
+def test_no_tick_waits_for_a_recording_that_ends(tmp_path: Path) -> None:
+    """Red before: it did, in a call."""
+    link, goes_on = Link(), threading.Event()
+
+    class Slow(Recorder):
+        def close(self) -> None:
+            assert goes_on.wait(30)
+            self.problem = "the disk is full"
+
+    tape = CallTape(link, tmp_path / "take", lambda folder: Slow())  # type: ignore[arg-type]
+    link.seats.may_record = True
+    tape.append(AudioPacket(0, 0, np.zeros(480, np.float32)))
+    link.seats.may_record = False
+    ticking = threading.Thread(target=tape.follow, daemon=True)
+    ticking.start()
+    ticking.join(5)
+    assert not ticking.is_alive()
+    goes_on.set()
+    tape.close()
+    assert tape.problem == "the disk is full"
 
 
 class Sensors:
