@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from render import clothes
 from render.avatars.maker import Maker
@@ -20,6 +21,7 @@ from render.types import Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
 SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
+UNDER_MM = (5.0, 1.5)  # from a beard's strands to skin: from not at all to fully under it
 COLLAR_MM = 7.0  # above the neckline: up to there are pieces of a shirt, from there on strands
 
 
@@ -47,18 +49,32 @@ def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
 
 
 def bearded(maker: Maker, who: Identity, lender: Identity) -> Identity:
-    """With the lender's beard, without the brows, lashes and shirt."""
+    """With the lender's beard, and the skin under it as dark; without brows, lashes and shirt."""
     strands = lender.beard
-    other = np.concatenate([maker.regions[name] for name in ("eyelids", "brows")])
-    grown = above_neckline(maker, strands) >= COLLAR_MM
-    grown &= ~np.isin(strands.corners, other).any(1)
-    return replace(who, beard=joined([who.beard, strands.take(grown)]))
+    below_eyes = standing(maker, strands)[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
+    beard = strands.take(below_eyes & (above_neckline(maker, strands) >= COLLAR_MM))
+    if not len(beard):
+        return who
+    dye = np.minimum(lender.albedo / np.median(lender.albedo[maker.face], 0), 1)
+    albedo = who.albedo * (1 - under(maker, beard)[:, None] * (1 - dye))
+    return replace(who, albedo=albedo.astype(np.float32), beard=joined([who.beard, beard]))
+
+
+def under(maker: Maker, beard: Beard) -> Floats:  # [N] 0..1
+    """How far each Gaussian is skin between the strands of a beard."""
+    away, _ = KDTree(standing(maker, beard)).query(anchors(maker))
+    skin = maker.anchor_kinds == mesh_parts.SKIN
+    return ramp(away, *UNDER_MM) * skin * (1 - maker.surface.share_on(maker.regions["lips"]))
+
+
+def standing(maker: Maker, strands: Beard) -> NDArray[np.float32]:  # [B, 3] mm
+    """Where strands stand on the mean face."""
+    return np.einsum("bij,bi->bj", maker.template[strands.corners], strands.shares)
 
 
 def above_neckline(maker: Maker, strands: Beard) -> NDArray[np.float32]:  # [B] mm
     """How high strands stand."""
-    roots = np.einsum("bij,bi->bj", maker.template[strands.corners], strands.shares)
-    return clothes.height(roots)
+    return clothes.height(standing(maker, strands))
 
 
 def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1
