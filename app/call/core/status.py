@@ -78,7 +78,7 @@ def report_of(
             agreement.clock_difference_ns(call.hello, hello, partner.hello_ns) if hello else None
         )
         report[partner.identity] = {
-            "name": hello.name if hello else "",
+            "name": partner.name,
             "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
             **line_of(call, partner, now_ns, behind_ms.get(partner.identity, 0.0)),
             "cpu_share": round(cpu_share / len(everybody), 4) if cpu_share is not None else None,
