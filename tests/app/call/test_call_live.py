@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from subprocess import TimeoutExpired
 
 import numpy as np
 import pytest
@@ -9,7 +10,8 @@ import pytest
 from app.call.live import protocol
 from app.call.live.echo import BLOCK, EchoCanceller
 from app.call.live.gate import Gate
-from app.call.live.link import CallSink
+from app.call.live.link import CallLink, CallSink
+from app.call.live.protocol import CallSettings
 from app.call.live.tape import CallTape
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
@@ -17,6 +19,7 @@ from app.commands.meet.keys import keys, obey
 from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult
+from app.process.channel import Channel
 from encoder.types import DrivenFrame
 from render.types import AHEAD
 from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo
@@ -165,6 +168,31 @@ def test_a_call_whose_process_is_gone_is_told_once() -> None:
     for _ in range(3):
         sink.on_frame(result)
     assert len(told) == 1 and "nobody hears you" in told[0]
+
+
+class Process:
+    """A call's process that ends when it is told to, with its report first."""
+
+    def __init__(self, end: Channel) -> None:
+        self._end = end
+
+    def wait(self, timeout: float) -> None:
+        if protocol.END not in self._end.waiting():
+            raise TimeoutExpired("call", timeout)
+        self._end.send(protocol.pack_json(protocol.REPORT, {"ben": {}}))
+
+
+def test_a_report_finds_room_behind_all_that_was_played() -> None:
+    """Red before: while a long file was finished nobody read what the loudspeaker played, and the
+    report of the call was empty."""
+    link = CallLink(CallSettings(name="Ann", avatar="ben"), lambda line: None)
+    process = link._theirs
+    link._process = Process(process)  # type: ignore[assignment]
+    with pytest.raises(BlockingIOError):
+        while True:
+            process.send(protocol.PLAYED + bytes(960))
+    link.close()
+    assert link.report == {"ben": {}}
 
 
 def test_what_is_typed_is_answered() -> None:
