@@ -55,7 +55,7 @@ class CallTape:
     def _stop(self) -> None:
         if self._tape is not None:
             self._tape.close()
-            self.sessions += self._tape.sessions
+            self.sessions += () if self._tape.problem else self._tape.sessions
             self.problem = self._tape.problem or self.problem
             self._tape = None
 

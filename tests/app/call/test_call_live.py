@@ -122,6 +122,18 @@ def test_nothing_is_written_without_consent(tmp_path: Path) -> None:
     assert [p.name for p in tape.sessions] == ["take", "take-001"]
 
 
+def test_what_was_not_recorded_is_not_said_to_be_written(tmp_path: Path) -> None:
+    """Red before: "wrote DIR; next: livedrive replay DIR", and there was no such folder."""
+    link, recorder = Link(), Recorder()
+    recorder.problem = "No space left on device"
+    link.seats.may_record = True
+    tape = CallTape(link, tmp_path / "take", lambda folder: recorder)  # type: ignore[arg-type]
+    tape.append(AudioPacket(0, 0, np.zeros(480, np.float32)))
+    assert tape.failed
+    tape.close()
+    assert tape.problem == recorder.problem and tape.sessions == []
+
+
 class Sensors:
     """A source of one packet of sound and one picture."""
 
