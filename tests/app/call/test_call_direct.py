@@ -293,4 +293,4 @@ def test_the_report_is_json() -> None:
     from app.call.core.status import report_of
 
     end = End(bytes(16), "Ann")
-    assert json.loads(json.dumps(report_of(end.call, 0, {}))) == {}
+    assert json.loads(json.dumps(report_of(end.call, {}))) == {}

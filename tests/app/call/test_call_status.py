@@ -10,7 +10,7 @@ from app.call.core.call import GONE_NS, Call
 from app.call.core.partner import Partner, PartnerCounts
 from app.call.core.status import report_of
 from app.call.media.face import FaceTrack, end_of
-from app.call.rooms.room import HELLO
+from app.call.rooms.room import BYE, HELLO
 from app.call.table.seats import SeatReader, Seats
 from app.call.trial.material import synthetic_material
 from app.call.wire.agreement import MAX_PEOPLE, Hello
@@ -138,7 +138,23 @@ def test_the_report_names_who_vanished() -> None:
     meeting.comes(1)
     meeting.now_ns = 2 * GONE_NS
     meeting.call.step()
-    assert [line["name"] for line in report_of(meeting.call, 1, {}).values()] == ["Ben 1"]
+    assert [line["name"] for line in report_of(meeting.call, {}).values()] == ["Ben 1"]
+
+
+def test_the_delay_of_who_left_stays_what_it_was() -> None:
+    """Red before: it was told as of the end of the call, by when it could be -250 ms."""
+    meeting, ben = Meeting(), f"{1:032x}"
+    meeting.now_ns = NS
+    meeting.comes(1, origin_ns=1, now_ns=NS, echoes=((ANN, NS, NS),))
+    timeline = meeting.call.partners[ben].timeline
+    for step in range(100):
+        timeline.arrived("face", 480.0 * step, NS + step * STEP_NS)
+    assert timeline.target(2 * NS) is not None
+    timeline.played(0.9 * 48_000, NS, 1.02)  # said 0.1 s before
+    meeting.call.events().message(ben, BYE)
+    meeting.now_ns = 60 * NS
+    line = report_of(meeting.call, {})[ben]
+    assert abs(line["mouth_to_ear_ms"] - 100) < 1e-3  # type: ignore[operator]
 
 
 def test_another_version_is_told_in_words() -> None:
