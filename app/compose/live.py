@@ -67,9 +67,7 @@ def _microphone(name: str | None, clock: Clock, page: "WebSink | None") -> "Live
         from app.web.microphone import WebMicrophone
 
         if page is None:
-            raise InputError(
-                "--mic web: expected the page of --web, got none; try run --web 8443 --mic web"
-            )
+            raise InputError("--mic web: expected the page of --web, got none; add --web 8443")
         return WebMicrophone(page.link)
     from sensors.audio import portaudio
     from sensors.audio.microphone import Microphone

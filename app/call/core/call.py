@@ -134,7 +134,7 @@ class Call:
         try:
             self._outgoing.tick(tick, end_ns)
         except MalformedError as error:
-            self._tell_once("own face", str(error))
+            self._tell_once("own face", f"own face: {error}")
 
     def pull(self, count: int, heard_ns: int) -> Sound:
         """[count] samples of everybody, the first of which is heard at `heard_ns`."""
@@ -164,7 +164,7 @@ class Call:
                 lambda tick, due: show(Sight(identity=identity, tick=tick, due=due), now_ns),
             )
             if partner.problem:
-                self._tell_once(partner.hello.name, partner.problem)
+                self._tell_once(partner.name, f"{partner.name}: {partner.problem}")
 
     def _seal(self, message: bytes) -> bytes:
         return bytes.fromhex(self.hello.identity) + self._keys.seal("control", message)
@@ -181,8 +181,7 @@ class Call:
             self._take_part(identity, body)
         elif kind == HELLO:
             try:
-                hello = agreement.read_hello(body)
-                self._greet(identity, hello)
+                self._greet(identity, agreement.read_hello(body))
             except (MalformedError, SealError) as error:
                 self._tell_once(identity, str(error))
 
@@ -197,10 +196,12 @@ class Call:
         partner = self.partners.get(identity)
         if partner is None:
             if len(self.partners) >= MAX_PEOPLE - 1:
-                raise MalformedError(f"{hello.name}: expected {MAX_PEOPLE} people at most")
+                if not (vanished := [p.identity for p in self.partners.values() if not p.hello]):
+                    raise MalformedError(f"{hello.name}: expected {MAX_PEOPLE} people at most")
+                self._leave(vanished[0])
             partner = Partner(identity, self._keys, self._packer, OpusDecoder())
             self.partners[identity] = partner
-        before, partner.hello, partner.hello_ns = partner.hello, hello, self._now_ns()
+        before = partner.greet(hello, self._now_ns())
         for line in agreement.news(self.hello, before, hello):
             self._tell(line)
         known = before and identity in self.hello.met and (before.met, before.accepted)
@@ -220,7 +221,7 @@ class Call:
         try:
             data = partner.receipt.add(part)
         except MalformedError as error:
-            self._tell_once(hello.name, str(error))
+            self._tell_once(hello.name, f"{hello.name}: {error}")
         else:
             if data is not None and len(self.files) < MAX_PEOPLE:
                 self.files[hello.parcel] = data
@@ -228,7 +229,7 @@ class Call:
     def _leave(self, identity: str) -> None:
         partner = self.partners.pop(identity, None)
         if partner is not None:
-            self._tell(f"{partner.hello.name if partner.hello else 'somebody'} has left")
+            self._tell(f"{partner.name} has left")
             partner.close()
             self.left.append(partner)
 
@@ -236,12 +237,12 @@ class Call:
         return [p for p in self.partners.values() if p.hello is not None]
 
     def _hellos(self) -> list[Hello]:
-        return [p.hello for p in self.partners.values() if p.hello is not None]
+        return [p.hello for p in self.partners.values() if p.hello]
 
     def _tell_once(self, about: str, line: str) -> None:
         if self._told.get(about) != line:
             self._told[about] = line
-            self._tell(f"{about}: {line}")
+            self._tell(line)
 
 
 def new_identity() -> str:

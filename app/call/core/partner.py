@@ -54,7 +54,8 @@ class Partner:
 
     def __init__(self, identity: str, keys: Keyring, packer: Packer, decoder: VoiceDecoder) -> None:
         self.identity = identity
-        self.hello: Hello | None = None
+        self.hello: Hello | None = None  # while they are here
+        self.name = ""  # that they gave last
         self.counts = PartnerCounts()
         self.timeline = Timeline()
         self.voice = VoiceTrack(self.timeline, decoder)
@@ -68,6 +69,11 @@ class Partner:
         self._known: dict[int, None] = {}  # ticks, oldest first
         self._offset = 0  # of the newest one's end, see end_of
         self._allowance, self._counted_ns = RATE, 0
+
+    def greet(self, hello: Hello, now_ns: int) -> Hello | None:
+        """Take what they say of themselves; returns what held before."""
+        before, self.hello, self.name, self.hello_ns = self.hello, hello, hello.name, now_ns
+        return before
 
     def packet(
         self, stream: str, sealed: bytes, now_ns: int, show: Callable[[Tick, int], None]

@@ -8,20 +8,22 @@ from app.call.wire import agreement
 from sensors.types import NS, SAMPLE_RATE
 
 
-def delay_ms(call: Call, partner: Partner, now_ns: int) -> float | None:
+def delay_ms(call: Call, partner: Partner) -> float | None:
     """From the partner's mouth to our ear, and to our eye, which are shown together; both sound
-    cards come on top. None before the clocks have been compared."""
+    cards come on top. As it was when something of them was last played; None before the clocks
+    have been compared."""
     hello = partner.hello
     if hello is None or not partner.timeline.started or not hello.origin_ns:
         return None
     clocks = agreement.clock_difference_ns(call.hello, hello, partner.hello_ns)
     if clocks is None:
         return None
-    said_ns = hello.origin_ns + partner.timeline.media_at(now_ns) * NS / SAMPLE_RATE
-    return (now_ns + clocks[0] - said_ns) / 1e6
+    heard_ns, media, _ = partner.timeline.anchor
+    said_ns = hello.origin_ns + media * NS / SAMPLE_RATE
+    return (heard_ns + clocks[0] - said_ns) / 1e6
 
 
-def status_lines(call: Call, now_ns: int, behind_ms: Mapping[str, float]) -> list[str]:
+def status_lines(call: Call, behind_ms: Mapping[str, float]) -> list[str]:
     """Lines for window and terminal, the own state first; `behind_ms`: see Seats."""
     hellos = [p.hello for p in call.partners.values() if p.hello is not None]
     heard = agreement.heard_by(call.hello, hellos)
@@ -46,15 +48,15 @@ def status_lines(call: Call, now_ns: int, behind_ms: Mapping[str, float]) -> lis
             parts.append("muted")
         if hello.records:
             parts.append("asks to record" if not call.hello.may_record else "records")
-        parts += _line(line_of(call, partner, now_ns, behind_ms.get(partner.identity, 0.0)))
+        parts += _line(line_of(call, partner, behind_ms.get(partner.identity, 0.0)))
         lines.append(", ".join(parts))
     return lines
 
 
-def line_of(call: Call, partner: Partner, now_ns: int, behind_ms: float) -> dict[str, float | None]:
+def line_of(call: Call, partner: Partner, behind_ms: float) -> dict[str, float | None]:
     """How a partner's line is: delays in ms, shares of what was due, kb/s."""
     voice, face, counts = partner.voice.counts, partner.face, partner.counts
-    due, delay = voice.played + voice.concealed, delay_ms(call, partner, now_ns)
+    due, delay = voice.played + voice.concealed, delay_ms(call, partner)
     figures = {
         "mouth_to_ear_ms": delay,
         "mouth_to_eye_ms": None if delay is None else delay + behind_ms,
@@ -67,7 +69,7 @@ def line_of(call: Call, partner: Partner, now_ns: int, behind_ms: float) -> dict
 
 
 def report_of(
-    call: Call, now_ns: int, behind_ms: Mapping[str, float], cpu_share: float | None = None
+    call: Call, behind_ms: Mapping[str, float], cpu_share: float | None = None
 ) -> dict[str, Mapping[str, object]]:
     """What each partner's line did, by identity; `cpu_share`: of a core, by this process."""
     everybody = (*call.left, *call.partners.values())
@@ -78,9 +80,9 @@ def report_of(
             agreement.clock_difference_ns(call.hello, hello, partner.hello_ns) if hello else None
         )
         report[partner.identity] = {
-            "name": hello.name if hello else "",
+            "name": partner.name,
             "round_trip_ms": round(clocks[1] / 1e6, 2) if clocks else None,
-            **line_of(call, partner, now_ns, behind_ms.get(partner.identity, 0.0)),
+            **line_of(call, partner, behind_ms.get(partner.identity, 0.0)),
             "cpu_share": round(cpu_share / len(everybody), 4) if cpu_share is not None else None,
             "packets": partner.counts.packets,
             "refused": partner.counts.refused,

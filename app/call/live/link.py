@@ -4,6 +4,7 @@ Microphone -> CallMicrophone (own thread, every few ms) -> call's process
                     \\-> LiveSource -> ... -> DrivenFrame -> CallSink -> call's process
 """
 
+import contextlib
 import json
 import subprocess
 import tempfile
@@ -27,6 +28,7 @@ from sensors.live.source import LiveMicrophone
 from sensors.types import NS, AudioPacket, Clock, InputError, Packet, SourceInfo
 
 START_S, END_S = 60, 5
+LOOK_S = 0.1  # between two looks at what an ending process says
 POLL_S = 0.004
 WAITING = 256  # packets of sound that wait for the loop
 
@@ -100,10 +102,14 @@ class CallLink:
         if self._process is None:
             self._theirs.close()
         else:
+            self.read()  # for what came while files were finished the report would find no room
             self.post(protocol.END)
-            try:
-                self._process.wait(END_S)
-            except subprocess.TimeoutExpired:
+            for _ in range(round(END_S / LOOK_S)):
+                with contextlib.suppress(subprocess.TimeoutExpired):
+                    self._process.wait(LOOK_S)
+                    break
+                self.read()
+            else:
                 self._process.kill()
                 self._process.wait()
             self.read()

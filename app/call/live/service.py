@@ -84,9 +84,9 @@ class Service:
             telling = asyncio.create_task(self._keep_telling(call))
             await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
             with self._lock:
-                now_ns = self._clock.now_ns()
-                cpu_share = (time.process_time() - cpu_s) * NS / max(now_ns - began_ns, 1)
-                report = report_of(call, now_ns, self._seats.behind_ms(), cpu_share)
+                passed_ns = max(self._clock.now_ns() - began_ns, 1)
+                cpu_share = (time.process_time() - cpu_s) * NS / passed_ns
+                report = report_of(call, self._seats.behind_ms(), cpu_share)
                 call.say_bye()
             self._post(protocol.pack_json(protocol.REPORT, report))
         telling.cancel()
@@ -183,7 +183,7 @@ class Service:
             with self._lock:
                 call.step()
                 self._seat_partners(call)
-                lines = status_lines(call, self._clock.now_ns(), self._seats.behind_ms())
+                lines = status_lines(call, self._seats.behind_ms())
                 files = dict(call.files)
             if self._shelf is not None:
                 await asyncio.to_thread(self._shelf.keep, files)

@@ -56,7 +56,7 @@ class CallTape:
         while self._stopped:
             tape = self._stopped.pop(0)
             tape.close()
-            self.sessions += tape.sessions
+            self.sessions += () if tape.problem else tape.sessions
             self.problem = tape.problem or self.problem
 
     def _stop(self) -> None:

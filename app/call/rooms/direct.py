@@ -89,9 +89,10 @@ class DirectRoom:
         kind, body = message[:1], message[1:]
         if kind == OFFER and self._events.ready():
             connection = await self._new_connection()
-            self.say(ANSWER + (await connection.answer(body.decode())).encode())
+            with contextlib.suppress(Exception):  # garbage; a host that is sound offers anew
+                self.say(ANSWER + (await connection.answer(body.decode())).encode())
         elif kind == ANSWER and self._connection is not None:
-            with contextlib.suppress(Exception):  # answers an offer that is no longer valid
+            with contextlib.suppress(Exception):  # garbage, or an offer's that is no longer valid
                 await self._connection.accept(body.decode())
         else:
             self._events.message(identity, message)

@@ -119,7 +119,7 @@ class Recorder:
         self._trial_s = beats.trial_s - self._trial_s
         self._wall_s = time.monotonic() - self._wall_s
         self._sent_bytes = call.sent_bytes - self._sent_bytes
-        for partner in report_of(call, time.monotonic_ns(), {}).values():
+        for partner in report_of(call, {}).values():
             self._partner = partner
         for partner in call.partners.values():
             self._face_counts = partner.face

@@ -86,7 +86,6 @@ class Person:
 
     def obey(self, word: str) -> None:
         """Handle one line of the input."""
-        now_ns = time.monotonic_ns()
         if word == "begin":
             for partner in self._call.partners.values():
                 partner.voice.counts = type(partner.voice.counts)()
@@ -94,7 +93,7 @@ class Person:
             self._cpu_s, self._wall_s = time.process_time(), time.monotonic()
         elif word == "report":
             share = (time.process_time() - self._cpu_s) / (time.monotonic() - self._wall_s)
-            _say({"report": [*report_of(self._call, now_ns, {}, share).values()]})
+            _say({"report": [*report_of(self._call, {}, share).values()]})
 
     def _show(self, sight: Sight, now_ns: int) -> None:
         self._seen[sight.identity] = now_ns

@@ -12,6 +12,7 @@ from app.call.wire.packet import VERSION, MalformedError
 MAX_HELLO = 4096  # bytes
 MAX_NAME = 40  # characters
 MAX_PEOPLE = 8
+LARGEST = 2**63 - 1  # of a time; JSON has larger ones, which no float takes
 SINGLE: tuple[object, ...] = (str, int, bool)  # types of fields that are no lists
 
 
@@ -73,7 +74,7 @@ def _checked(name: str, kind: Any, given: Mapping[str, Any]) -> Any:
         if isinstance(value, str):
             value = "".join(c for c in value if c.isprintable())[:64]
             return value[:MAX_NAME] if name in ("name", "avatar") else value
-        if not isinstance(value, int) or -(2**63) <= value < 2**63:
+        if not isinstance(value, int) or abs(value) <= LARGEST:
             return value
     wanted = getattr(kind, "__name__", "a list of short texts")
     raise MalformedError(f"hello: {name}: expected {wanted}, got {str(value)[:40]!r}")
@@ -82,9 +83,11 @@ def _checked(name: str, kind: Any, given: Mapping[str, Any]) -> Any:
 def _echoes(value: Any) -> tuple[tuple[str, int, int], ...]:
     items = _few(value)
     rows = [_few(row) or [] for row in items or ()]
-    if items is not None and all([type(v) for v in row] == [str, int, int] for row in rows):
-        return tuple((a[:64], b, c) for a, b, c in rows)
-    raise MalformedError("hello: echoes: expected rows of identity and two times")
+    if items is None or any([type(v) for v in row] != [str, int, int] for row in rows):
+        raise MalformedError("hello: echoes: expected rows of identity and two times")
+    if any(abs(time) > LARGEST for row in rows for time in row[1:]):
+        raise MalformedError("hello: echoes: expected times of 64 bits, got more")
+    return tuple((a[:64], b, c) for a, b, c in rows)
 
 
 def _few(value: object) -> list[Any] | None:

@@ -47,6 +47,20 @@ class CallOptions(LiveDriveOptions):
     def settings_of_call(self) -> "CallSettings":
         raise NotImplementedError
 
+    def name_of_own(self) -> str:
+        """Raises InputError where the others' ends would cut it."""
+        from app.call.wire.agreement import MAX_NAME
+
+        if len(self.name) > MAX_NAME or not self.name.isprintable():
+            raise InputError(
+                f"--name: expected {MAX_NAME} characters at most that can be shown, got "
+                f"{self.name[:MAX_NAME]!r} of {len(self.name)}; try --name Ann"
+            )
+        try:
+            return self.name or getpass.getuser()[:MAX_NAME]
+        except (ImportError, KeyError, OSError):  # a container's user without a name
+            return "somebody"
+
     def file_of_avatar(self) -> str:
         """Empty unless it is offered."""
         from render.decoder import identity
@@ -121,7 +135,7 @@ class Host(CallOptions):
         if self.address:
             _check_address(self.address)
         return CallSettings(
-            name=self.name or getpass.getuser(),
+            name=self.name_of_own(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
             avatar_file=self.file_of_avatar(),
             room=self.room,
@@ -152,7 +166,7 @@ class Join(CallOptions):
 
         parse(self.invite)
         return CallSettings(
-            name=self.name or getpass.getuser(),
+            name=self.name_of_own(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
             avatar_file=self.file_of_avatar(),
             invite=self.invite,

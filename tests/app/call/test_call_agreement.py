@@ -131,3 +131,11 @@ def test_other_versions_floods_and_bombs_are_refused() -> None:
         read_hello(b" " * (MAX_HELLO + 1))
     with pytest.raises(MalformedError):
         read_hello(json.dumps(asdict(ANN) | {"met": ["x"] * 9}).encode())
+
+
+@pytest.mark.parametrize("time", [10**400, -(10**400), 2**63])
+def test_times_that_no_float_takes_are_refused(time: int) -> None:
+    """Red before: the call's process of whoever got one stopped to tell, and wrote no report."""
+    for row in (["a" * 32, time, 1], ["a" * 32, 1, time]):
+        with pytest.raises(MalformedError, match="64 bits"):
+            read_hello(json.dumps(asdict(BEN) | {"echoes": [row]}).encode())

@@ -16,7 +16,7 @@ from app.call.media.connection import bind_only
 from app.call.rooms import direct
 from app.call.rooms.direct import PATH, STRANGERS, DirectGuest, DirectHost
 from app.call.rooms.listen import host_direct
-from app.call.rooms.room import RETRY_S, LineSettings
+from app.call.rooms.room import ANSWER, OFFER, RETRY_S, LineSettings
 from app.call.trial.judge import lips_error_mm
 from app.call.trial.material import synthetic_material
 from app.call.trial.relay import LINES
@@ -201,6 +201,27 @@ def test_who_was_left_by_the_host_dials_no_more() -> None:
     asyncio.run(scene())
 
 
+@pytest.mark.parametrize("garbage", [b"\xff", b"v=0\r\nm=audio 9 X 0\r\n", b"sdp"])
+def test_garbage_of_a_partner_ends_no_call(garbage: bytes) -> None:
+    """Red before: an offer that cannot be read ended the process of the guest's call."""
+
+    async def scene() -> None:
+        secret = secrets.token_bytes(16)
+        ann, ben = End(secret, "Ann"), End(secret, "Ben")
+        async with host(ann, secret) as (room, invite), guest(ben, invite) as task:
+            await until(lambda: ann.call.may_send() and ben.call.may_send(), ann, ben)
+            sockets = [room._socket, ben.call.room._socket]
+            for kind in (OFFER, ANSWER):
+                for end in (ann, ben):
+                    end.call.room.say(kind + garbage)
+            seen = len(ben.told)
+            ann.call.change(records=True)
+            await until(lambda: len(ben.told) > seen)  # it came after them
+            assert not task.done() and sockets == [room._socket, ben.call.room._socket]
+
+    asyncio.run(scene())
+
+
 def test_another_certificate_is_no_host() -> None:
     async def scene() -> None:
         secret = secrets.token_bytes(16)
@@ -272,4 +293,4 @@ def test_the_report_is_json() -> None:
     from app.call.core.status import report_of
 
     end = End(bytes(16), "Ann")
-    assert json.loads(json.dumps(report_of(end.call, 0, {}))) == {}
+    assert json.loads(json.dumps(report_of(end.call, {}))) == {}

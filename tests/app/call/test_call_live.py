@@ -3,6 +3,7 @@
 import threading
 from dataclasses import replace
 from pathlib import Path
+from subprocess import TimeoutExpired
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ import pytest
 from app.call.live import protocol
 from app.call.live.echo import BLOCK, EchoCanceller
 from app.call.live.gate import Gate
-from app.call.live.link import CallSink
+from app.call.live.link import CallLink, CallSink
+from app.call.live.protocol import CallSettings
 from app.call.live.tape import CallTape
 from app.call.table.seats import Seats
 from app.call.wire.packet import Tick
@@ -18,6 +20,7 @@ from app.commands.meet.keys import keys, obey
 from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult
+from app.process.channel import Channel
 from encoder.types import DrivenFrame
 from render.types import AHEAD
 from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo
@@ -144,6 +147,18 @@ def test_no_tick_waits_for_a_recording_that_ends(tmp_path: Path) -> None:
     assert tape.problem == "the disk is full"
 
 
+def test_what_was_not_recorded_is_not_said_to_be_written(tmp_path: Path) -> None:
+    """Red before: "wrote DIR; next: livedrive replay DIR", and there was no such folder."""
+    link, recorder = Link(), Recorder()
+    recorder.problem = "No space left on device"
+    link.seats.may_record = True
+    tape = CallTape(link, tmp_path / "take", lambda folder: recorder)  # type: ignore[arg-type]
+    tape.append(AudioPacket(0, 0, np.zeros(480, np.float32)))
+    assert tape.failed
+    tape.close()
+    assert tape.problem == recorder.problem and tape.sessions == []
+
+
 class Sensors:
     """A source of one packet of sound and one picture."""
 
@@ -190,6 +205,31 @@ def test_a_call_whose_process_is_gone_is_told_once() -> None:
     for _ in range(3):
         sink.on_frame(result)
     assert len(told) == 1 and "nobody hears you" in told[0]
+
+
+class Process:
+    """A call's process that ends when it is told to, with its report first."""
+
+    def __init__(self, end: Channel) -> None:
+        self._end = end
+
+    def wait(self, timeout: float) -> None:
+        if protocol.END not in self._end.waiting():
+            raise TimeoutExpired("call", timeout)
+        self._end.send(protocol.pack_json(protocol.REPORT, {"ben": {}}))
+
+
+def test_a_report_finds_room_behind_all_that_was_played() -> None:
+    """Red before: while a long file was finished nobody read what the loudspeaker played, and the
+    report of the call was empty."""
+    link = CallLink(CallSettings(name="Ann", avatar="ben"), lambda line: None)
+    process = link._theirs
+    link._process = Process(process)  # type: ignore[assignment]
+    with pytest.raises(BlockingIOError):
+        while True:
+            process.send(protocol.PLAYED + bytes(960))
+    link.close()
+    assert link.report == {"ben": {}}
 
 
 def test_what_is_typed_is_answered() -> None:

@@ -1,14 +1,19 @@
 """What report and screen say of a partner's line."""
 
 from collections.abc import Container
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from app.call.core.call import GONE_NS, Call
 from app.call.core.partner import Partner, PartnerCounts
+from app.call.core.status import report_of
 from app.call.media.face import FaceTrack, end_of
+from app.call.rooms.room import BYE, HELLO
 from app.call.table.seats import SeatReader, Seats
 from app.call.trial.material import synthetic_material
+from app.call.wire.agreement import MAX_PEOPLE, Hello
 from app.call.wire.packet import Packer, Tick
 from app.call.wire.seal import Keyring
 from render.types import AHEAD
@@ -95,3 +100,68 @@ def test_a_late_face_is_behind_its_sound() -> None:
     for k in range(200):
         reader.sitters(NS + k)
     assert abs(seats.behind_ms()["ann"] - 100) < 1
+
+
+class Meeting:
+    """Ann's end, to which others say hello."""
+
+    def __init__(self) -> None:
+        self.told: list[str] = []
+        self.now_ns, self.basis = 0, synthetic_material(2, 0).basis
+        hello, keys = Hello(identity=ANN, name="Ann", basis=self.basis.number), bytes(16)
+        say, see = self.told.append, lambda sight, now_ns: None
+        self.call = Call(keys, hello, self.basis, say, see, lambda: self.now_ns)
+
+    def comes(self, number: int, **state: object) -> None:
+        identity = f"{number:032x}"
+        hello = Hello(identity=identity, name=f"Ben {number}", basis=self.basis.number)
+        self.call.events().message(identity, HELLO + replace(hello, **state).to_bytes())
+
+
+def test_who_vanished_keeps_nobody_out() -> None:
+    """Red before: after seven crashes of a partner nobody could come back."""
+    meeting = Meeting()
+    for number in range(2 * MAX_PEOPLE):
+        meeting.comes(number)
+        assert f"Ben {number} is here: y and Enter accept" in meeting.told
+        meeting.now_ns += 2 * GONE_NS
+        meeting.call.step()
+    assert len(meeting.call.partners) == MAX_PEOPLE - 1 and "Ben 0 has left" in meeting.told
+    for number in range(100, 100 + MAX_PEOPLE):
+        meeting.comes(number)
+    assert meeting.told[-1].endswith(f"expected {MAX_PEOPLE} people at most")
+
+
+def test_the_report_names_who_vanished() -> None:
+    """Red before: the name was empty, so nobody knew whose line it was."""
+    meeting = Meeting()
+    meeting.comes(1)
+    meeting.now_ns = 2 * GONE_NS
+    meeting.call.step()
+    assert [line["name"] for line in report_of(meeting.call, {}).values()] == ["Ben 1"]
+
+
+def test_the_delay_of_who_left_stays_what_it_was() -> None:
+    """Red before: it was told as of the end of the call, by when it could be -250 ms."""
+    meeting, ben = Meeting(), f"{1:032x}"
+    meeting.now_ns = NS
+    meeting.comes(1, origin_ns=1, now_ns=NS, echoes=((ANN, NS, NS),))
+    timeline = meeting.call.partners[ben].timeline
+    for step in range(100):
+        timeline.arrived("face", 480.0 * step, NS + step * STEP_NS)
+    assert timeline.target(2 * NS) is not None
+    timeline.played(0.9 * 48_000, NS, 1.02)  # said 0.1 s before
+    meeting.call.events().message(ben, BYE)
+    meeting.now_ns = 60 * NS
+    line = report_of(meeting.call, {})[ben]
+    assert abs(line["mouth_to_ear_ms"] - 100) < 1e-3  # type: ignore[operator]
+
+
+def test_another_version_is_told_in_words() -> None:
+    """Red before: the line began with 32 digits."""
+    meeting = Meeting()
+    for _ in range(3):
+        meeting.comes(1, version=2)
+        meeting.comes(2, basis=1)
+    assert len(meeting.told) == 2 and meeting.told[0].startswith("hello: expected version 1, got 2")
+    assert meeting.told[1].startswith("Ben 2: expected face basis")

@@ -20,7 +20,7 @@ from app.call.trial.material import synthetic_material
 from app.call.wire import ice
 from app.call.wire.ice import IceServer
 from app.call.wire.invite import Invite
-from app.commands.meet.call import CallOptions
+from app.commands.meet.call import CallOptions, Host, Join
 from app.main import main
 from app.process import child
 from app.process.channel import pair
@@ -122,6 +122,24 @@ def test_why_nobody_answers_is_told(kind: Any) -> None:
 
     with pytest.raises(InputError, match="got: Connection refused;"):
         asyncio.run(run())
+
+
+def test_a_name_that_others_would_cut_is_refused() -> None:
+    """Red before: with one of some thousand letters nobody could be met, and no end said why."""
+    assert Host(name="Zoë B.").name_of_own() == "Zoë B."
+    for name in ("x" * 41, "Ann\n", "\x1b[2J"):
+        with pytest.raises(InputError, match="--name: expected 40 characters"):
+            Host(name=name).name_of_own()
+
+
+def test_a_user_without_a_name_can_call(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: a traceback, in a container whose user is but a number."""
+
+    def nobody() -> str:
+        raise KeyError("getpwuid(): uid not found: 1234")
+
+    monkeypatch.setattr("getpass.getuser", nobody)
+    assert Join(invite=INVITE).settings_of_call().name == "somebody"
 
 
 @pytest.mark.parametrize(
