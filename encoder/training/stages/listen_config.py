@@ -34,8 +34,9 @@ class ListenConfig:
     # slope and offset that the log-odds of a voice get after training: in doubt lips rest; r of
     # talkers left out, lost to babble | loud frames of a clean voice in which lips rest | keys, mm,
     # without the blocks: 2, -1.5 .779, .047 | .10 | .03; 1.5, -.5 .780, .049 | .05 | .22;
-    # 1.5, 0 .781, .051 | .04 | .35; 2, .5 .781, .055 | .04 | .23
-    gate: tuple[float, float] = (1.5, -0.6)
+    # 1.5, 0 .781, .051 | .04 | .35; 2, .5 .781, .055 | .04 | .23;
+    # with the phones of 11-28 r of lips and loudness: 1.5, -.6 .347; -.45 .350; -.3 .352
+    gate: tuple[float, float] = (1.5, -0.35)
     drop: float = 0.4  # dropout: share of hidden units left out in a step of the mouth
     drop_heard: float = 0.2  # of what the mouth hears
     drop_voice: float = 0.3  # of what is heard of voices; without, keys become voices
