@@ -67,7 +67,8 @@ def run(words: list[str]) -> None:
         _fail(f"{error.filename}: expected a new name or a folder, got a file; choose another", 2)
     except OSError as error:
         where = f" ({error.filename})" if error.filename else ""
-        _fail(f"{error.strerror or error}{where}; what was written before it is kept", 1)
+        kept = next(iter(getattr(error, "__notes__", ())), "what was written before it is kept")
+        _fail(f"{error.strerror or error}{where}; {kept}", 1)
     except KeyboardInterrupt:
         _fail("stopped", 130)
 

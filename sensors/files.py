@@ -195,6 +195,16 @@ def replacing(path: Path, *, private: bool = False, durable: bool = True) -> Gen
         draft.unlink(missing_ok=True)
 
 
+@contextmanager
+def all_or_nothing() -> Generator[None]:
+    """For work that leaves nothing where it fails: so is told of a full disk."""
+    try:
+        yield
+    except OSError as error:
+        error.add_note("nothing is kept; make room, or choose another place")
+        raise
+
+
 def write_bytes(
     path: Path, data: bytes | memoryview, *, private: bool = False, durable: bool = True
 ) -> None:

@@ -2,10 +2,10 @@
 
 import sys
 import threading
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import tyro
 
@@ -45,7 +45,6 @@ class Replay(DriveOptions):
             if out:
                 check_apart(self.session, out)
         from app.compose.replay import replay
-        from app.compose.report import finish
         from app.sinks.progress import ProgressSink
 
         if self.web is not None and not (self.fast or self.window or self._written()):
@@ -54,7 +53,7 @@ class Replay(DriveOptions):
             settings = self.settings(
                 realtime=True, draw=False, title=self.session.name, head=self.head
             )
-            finish(play(self.session, settings, _listen), self.report, [])
+            self._finish(lambda: play(self.session, settings, _listen), [])
             return
         networked = bool(self.send) or self.web is not None
         settings = self.settings(
@@ -64,8 +63,20 @@ class Replay(DriveOptions):
             title="/".join(self.session.parts[-2:]),
             head=self.head,
         )
-        report = replay(self.session, settings, [ProgressSink()])
-        finish(report, self.report, settings.files.written)
+        written = settings.files.written
+        self._finish(lambda: replay(self.session, settings, [ProgressSink()]), written)
+
+    def _finish(self, driven: Callable[[], dict[str, Any]], written: Sequence[Path]) -> None:
+        """Also what Ctrl-C has ended has a report, and says what it wrote."""
+        from app.compose.replay import Stopped
+        from app.compose.report import finish
+
+        try:
+            values = driven()
+        except Stopped as stopped:
+            finish(stopped.report, self.report, written)
+            raise
+        finish(values, self.report, written)
 
     def _written(self) -> bool:
         """Files hold a session once, from its beginning to its end."""

@@ -10,7 +10,7 @@ from app.compose.live import open_page, tell
 from app.compose.report import report
 from app.compose.settings import HEAD_MODE, DriveSettings, HeadMode
 from app.drive.calibration import of_session
-from app.drive.loop import drive
+from app.drive.loop import Drive, Summary, drive
 from app.drive.sink import Sink
 
 if TYPE_CHECKING:
@@ -19,8 +19,17 @@ if TYPE_CHECKING:
     from sensors.session.recording import Recording
 
 
+class Stopped(KeyboardInterrupt):
+    """Ctrl-C, with the report of what was driven until then."""
+
+    def __init__(self, report: dict[str, Any]) -> None:
+        super().__init__()
+        self.report = report
+
+
 def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -> dict[str, Any]:
-    """Drive the session with the calibration it was recorded with, and return the report."""
+    """Drive the session with the calibration it was recorded with, and return the report. Raises
+    Stopped on Ctrl-C."""
     from sensors.clock import MonotonicClock
     from sensors.session.replay import ReplaySource
 
@@ -28,17 +37,17 @@ def replay(session: Path, settings: DriveSettings, sinks: Sequence[Sink] = ()) -
     eyes = settings.window or driver.config.condition == "eyes"  # the window shows the videos
     source = ReplaySource(recording, clock, settings.realtime, eyes=eyes)
     parts = build(settings, source=source, driver=driver, clock=clock, sinks=sinks)
-    summary = drive(parts)
+    values = _driven(settings, parts)
     if source.missing:
         tell(source.missing)
-    return report(settings, parts, summary)
+    return values
 
 
 def play(
     session: Path, settings: DriveSettings, controlled: "Callable[[Playback], None]"
 ) -> dict[str, Any]:
     """Drive the session for the page of the settings, from the first viewer on and over and over,
-    until `controlled`, which gets the playback at the start, or Ctrl-C stops it."""
+    until `controlled`, which gets the playback at the start, stops it. Raises Stopped on Ctrl-C."""
     from sensors.clock import MonotonicClock
     from sensors.session.playback import Playback
 
@@ -56,7 +65,20 @@ def play(
     parts = build(settings, source=source, driver=driver, clock=clock, page=page)
     tell("the session begins when somebody opens the page, and begins anew at its end")
     controlled(source)
-    return report(settings, parts, drive(parts))
+    return _driven(settings, parts)
+
+
+def _driven(settings: DriveSettings, parts: Drive) -> dict[str, Any]:
+    """The report; on Ctrl-C raises Stopped, when all files are finished, or as it is before the
+    first frame."""
+    summary = Summary()
+    try:
+        drive(parts, summary)
+    except KeyboardInterrupt:
+        if not summary.frames:
+            raise
+        raise Stopped(report(settings, parts, summary)) from None
+    return report(settings, parts, summary)
 
 
 def _opened(session: Path, settings: DriveSettings) -> "tuple[Recording, DriveSettings, Driver]":

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sensors.cameras.reasons import LIST
 from sensors.types import FPS, NS, Clock, InputError, Packet, Source
 
 if TYPE_CHECKING:
@@ -68,9 +69,10 @@ def collect(
                 if not seen and (problems() or frame.eyes is None):
                     waited += 1
                     if waited > CAMERAS_S * FPS:
+                        why = problems() or "no camera sends"
                         raise InputError(
-                            "calibrate: expected pictures of the eyes, got none: "
-                            f"{problems() or 'no camera sends'}; see livedrive devices"
+                            f"calibrate: expected pictures of the eyes, got none: {why}"
+                            + ("" if "; see: " in why else f"; see: {LIST}")
                         )
                     continue
                 seen = True

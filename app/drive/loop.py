@@ -55,10 +55,12 @@ class Summary:
     late_ns: int = 0  # how far the worst tick ran over its deadline
 
 
-def drive(parts: Drive) -> Summary:
-    """Run until the source is exhausted, the panel is closed or Ctrl-C; every part is closed."""
+def drive(parts: Drive, summary: Summary | None = None) -> Summary:
+    """Run until the source is exhausted, the panel is closed or Ctrl-C; every part is closed.
+
+    `summary` is filled while it runs, for who catches Ctrl-C."""
     source, driver, clock, stages = parts.source, parts.driver, parts.clock, parts.stages
-    summary, state, assembler = Summary(), driver.init_state(parts.seed), Assembler()
+    summary, state, assembler = summary or Summary(), driver.init_state(parts.seed), Assembler()
     controls, emotions, requests = Controls(avatar=""), EmotionControl(), RequestControl()
     with _running(parts):
         start_ns = clock.now_ns()

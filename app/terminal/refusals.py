@@ -40,7 +40,7 @@ def one_line(
         got = re.search(r"Unrecognized options: (.*?)( For full|$)", other)
         return f"{place}expected {' and '.join(needed)}, got {got[1] if got else 'none'}"
     if first.startswith("Unrecognized"):
-        return f"{place}{_unknown(first, other)}"
+        return f"{place}{_unknown(first, other, _near(box, command))}"
     return first
 
 
@@ -63,10 +63,20 @@ def _needed(part: str) -> str:
     return (rest[:1].lower() + rest[1:]).rstrip(". ")
 
 
-def _unknown(first: str, other: str) -> str:
+def _near(box: str, command: str) -> str:
+    """The option of this command that is nearly what was typed; tyro looks at all commands'."""
+    option = ""
+    for line in box.splitlines():
+        if line[1:].startswith("     --"):  # the box has a side of its own, or on ASCII a space
+            option = line.strip("│ ").split()[0]
+        elif line.strip("│ ") == f"in livedrive {command} --help":
+            return option
+    return ""
+
+
+def _unknown(first: str, other: str, near: str) -> str:
     got = " ".join(re.findall(r"(\S+) \(applied to", first) or first.split(": ")[1].split(", "))
-    near = re.search(r"(?:Perhaps you meant|Arguments similar to \S+): (--[\w-]+)", other)
-    if near and near[1] not in got.split():
-        return f"expected an option that it has, got {got}; did you mean {near[1]}?"
+    if near and near not in got.split():
+        return f"expected an option that it has, got {got}; did you mean {near}?"
     choices = re.search(r"Available subcommands: ([\w, -]+?)( [A-Z]|$)", other)
     return f"expected {choices[1] if choices else 'an option that it has'}, got {got}"

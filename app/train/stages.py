@@ -87,6 +87,12 @@ def run_stage(settings: TrainSettings) -> None:
 
 
 def _run_prior(settings: TrainSettings) -> None:
+    for option in ("start", "steps", "stream_minutes", "teacher", "phones"):
+        if getattr(settings, option) is not None:
+            raise InputError(
+                f"--{option.replace('_', '-')}: expected a stage of the encoder, got prior, whose "
+                "steps its preset names; leave it away"
+            )
     from render.decoder.learned import weights_file
     from render.training import prior
 

@@ -40,7 +40,11 @@ def export(
             f"try {out.stem or 'out'}.mkv"
         )
     check_apart(Path(folder), out)
-    with Recording(folder) as recording, files.replacing(out, private=True) as draft:
+    with (
+        files.all_or_nothing(),
+        Recording(folder) as recording,
+        files.replacing(out, private=True) as draft,
+    ):
         recording.check_frames()
         shown = bool(recording.eyes) and drop != "eyes"
         if not shown and drop == "audio":

@@ -70,7 +70,7 @@ def create(
         folder, created=created, devices=devices, eye_codec=eye_codec, audio_format=audio_format
     )
     try:
-        with writer:
+        with files.all_or_nothing(), writer:
             sound = _audio_packets(Path(audio), warnings if heard else [])
             _write_all(writer, sound, [Path(eye) for eye in eyes], warnings, progress)
     except BaseException:

@@ -1,5 +1,6 @@
 """Ctrl-C ends a command in one line and with status 130, also while it is still starting."""
 
+import json
 import os
 import signal
 import subprocess
@@ -13,6 +14,9 @@ import pytest
 from llvmlite.binding import ffi
 
 from app import main
+from app.command_line import run
+from app.drive.sink import FrameResult
+from app.sinks.progress import ProgressSink
 
 ROOT = Path(__file__).parents[3]
 CODE = """
@@ -68,6 +72,26 @@ def test_a_kill_ends_as_ctrl_c_does(sent: str) -> None:
     """So that drafts are removed and files are finished. Red before: it died on the spot."""
     done = avatars("render.decoder.identity", sent=sent)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")
+
+
+def test_a_replay_that_ctrl_c_ends_has_its_report(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: no report, and no word of the files that it had finished."""
+
+    def on_frame(_: object, result: FrameResult) -> None:
+        if result.driven.index == 7:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ProgressSink, "on_frame", on_frame)
+    made = [tmp_path / "out.csv", tmp_path / "out.json"]
+    words = ["replay", str(ROOT / "recordings" / "smoke"), "--size", "64", "--gaussians", "16k"]
+    with pytest.raises(SystemExit) as ended:
+        run([*words, "--arkit", str(made[0]), "--report", str(made[1])])
+    told = capsys.readouterr()
+    assert ended.value.code == 130 and told.err.endswith("livedrive: stopped\n")
+    assert all(f"wrote {path}" in told.out for path in made)
+    assert json.loads(made[1].read_text())["frames"] == 8
 
 
 def test_ctrl_c_leaves_no_lock_of_numba_taken() -> None:

@@ -15,6 +15,8 @@ WRONG = {
     "replay recordings/smoke --size x": "--size: expected a whole number, got 'x'; see:",
     "replay recordings/smoke --size": "--size: expected a value after it, got none; see:",
     "replay recordings/smoke --sise 3": "got --sise 3; did you mean --size?; see:",
+    "avatar list --x": "avatar list: expected an option that it has, got --x; see: livedrive",
+    "replay x --vidoe y": "got --vidoe y; did you mean --video?; see: livedrive replay -h",
     "run --seconds soon": "--seconds: expected a number, got 'soon'; see: livedrive run -h",
     "session export a b --drop foo": "--drop: expected audio, eyes, got 'foo'; see:",
     "session --drop foo export a b": "session: expected an option that it has, got --drop foo;",

@@ -1,5 +1,6 @@
 """`livedrive session` as a user meets it: how far it is, and what to type next."""
 
+import errno
 import io
 import shlex
 import shutil
@@ -12,7 +13,9 @@ import pytest
 import soundfile
 
 from app.capture import session_motion
+from app.command_line import run
 from app.commands.session import CreateSession, ExportSession, SessionInfo
+from sensors.session.recording import RecordingWriter
 from sensors.types import InputError
 
 SMOKE = Path(__file__).parents[3] / "recordings" / "smoke"
@@ -88,3 +91,22 @@ def test_the_film_of_a_take_is_as_long_as_its_curves(
         container.mux(stream.encode(None))
     with pytest.raises(InputError, match=f"{words} of take.csv, got 1.0 s"):
         session_motion.read_take(tmp_path / "take.csv", sound)
+
+
+@pytest.mark.parametrize("words", ["create {}/new --audio {}/a.wav", f"export {SMOKE} {{}}/a.mkv"])
+def test_a_full_disk_leaves_nothing_and_says_so(
+    words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: "what was written before it is kept", and nothing was."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    soundfile.write(tmp_path / "a.wav", np.zeros(4800, np.float32), 48_000)
+    monkeypatch.setattr(RecordingWriter, "append", full)
+    monkeypatch.setattr("sensors.session.export._export_frame", full)
+    with pytest.raises(SystemExit) as ended:
+        run(["session", *words.format(tmp_path, tmp_path).split()])
+    assert ended.value.code == 1 and [path.name for path in tmp_path.iterdir()] == ["a.wav"]
+    assert "No space left" in (told := capsys.readouterr().err)
+    assert "; nothing is kept; make room" in told and told.count("\n") == 1

@@ -93,6 +93,13 @@ def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):
         train(data, "prior", variant="plain")  # red before: trained without it
 
 
+@pytest.mark.parametrize("option", [{"steps": 7}, {"start": Path("x")}, {"stream_minutes": 1.0}])
+def test_what_the_prior_does_not_take_is_an_error(data, option):
+    """Red before: it trained without a word, by its preset."""
+    with pytest.raises(InputError, match="expected a stage of the encoder, got prior"):
+        train(data, "prior", **option)
+
+
 def test_starting_from_other_shapes_is_an_error(data):
     with pytest.raises(InputError, match="--start"):
         train(data, "diffusion", start=data, preset="default", steps=1)
