@@ -37,6 +37,7 @@ class SinkScheme:
     open: "Callable[[Address, Outlet], SendSink | WebSink]"
     example: str  # URL; its port is the default
     help: str
+    path: str = ""  # what one behind the port names; empty: none is taken
 
 
 class Outlet:
@@ -101,10 +102,10 @@ def _ws(address: Address, outlet: Outlet) -> "WebSink":
 SCHEMES: dict[str, SinkScheme] = {
     "vmc": SinkScheme(_vmc, "vmc://127.0.0.1:39539", "VMC programs: VSeeFace, Warudo, VNyan"),
     "vrchat": SinkScheme(
-        _vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC; vrchat://auto looks for it"
+        _vrchat, "vrchat://127.0.0.1:9000", "VRChat over OSC; vrchat://auto looks for it", "prefix"
     ),
     "livelink": SinkScheme(
-        _livelink, "livelink://127.0.0.1:11111", "Live Link Face: Unreal Engine"
+        _livelink, "livelink://127.0.0.1:11111", "Live Link Face: Unreal Engine", "subject"
     ),
     "ws": SinkScheme(
         _ws, "ws://127.0.0.1:9001", "JSON that programs fetch from here over WebSocket"
@@ -128,6 +129,11 @@ def parse(url: str) -> Address:
     path = unquote(parts.path.strip("/"))
     if not port or not path.isprintable():
         raise problem
+    if path and not SCHEMES[parts.scheme].path:
+        raise InputError(
+            f"--send: expected nothing behind the port of {parts.scheme}://, got {'/' + path!r}; "
+            f"try --send {parts.scheme}://{parts.netloc}"
+        )
     return Address(url, parts.scheme, parts.hostname, port, path)
 
 

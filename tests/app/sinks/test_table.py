@@ -31,6 +31,17 @@ def test_every_example_is_of_its_own_scheme_and_names_the_default_port(name: str
         parse(f"{name}://{host}:0")
 
 
+@pytest.mark.parametrize("name", SCHEMES)
+def test_a_path_that_names_nothing_is_refused(name: str) -> None:
+    """Red before: VMC went on without a word, and `ws` served another address than was typed."""
+    url = f"{name}://127.0.0.1:9/face"
+    if SCHEMES[name].path:
+        assert parse(url).path == "face"
+    else:
+        with pytest.raises(InputError, match=f"got '/face'; try --send {name}://127.0.0.1:9$"):
+            parse(url)
+
+
 def test_datagrams_of_all_targets_share_one_thread(decoder: Decoder) -> None:
     urls = [entry.example for name, entry in SCHEMES.items() if name != "ws"]
     (sink,) = open_all(urls, Outlet(decoder, "ben", ManualClock()))
