@@ -122,7 +122,8 @@ def test_a_page_shows_what_was_changed_elsewhere(browser: Any, talker: Talker) -
     page.select_option("#emotion", "happy")
     wait_until(lambda: link.picks().get("emotion", "").startswith("happy:"))
     shows("ada", "happy", "Mute")
-    assert page.is_visible("#intensity") and page.problems == []
+    wait_until(lambda: page.is_visible("#intensity"))  # once the page is told of its own pick
+    assert page.problems == []
     page.close()
 
 
