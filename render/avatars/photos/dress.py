@@ -50,19 +50,20 @@ def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
 
 def bearded(maker: Maker, who: Identity, lender: Identity) -> Identity:
     """With the lender's beard, and the skin under it as dark; without brows, lashes and shirt."""
-    strands = lender.beard
-    below_eyes = standing(maker, strands)[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
-    beard = strands.take(below_eyes & (above_neckline(maker, strands) >= COLLAR_MM))
+    at = standing(maker, lender.beard)
+    below_eyes = at[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
+    grown = below_eyes & (clothes.height(at) >= COLLAR_MM)
+    beard = lender.beard.take(grown)
     if not len(beard):
         return who
     dye = np.minimum(lender.albedo / np.median(lender.albedo[maker.face], 0), 1)
-    albedo = who.albedo * (1 - under(maker, beard)[:, None] * (1 - dye))
+    albedo = who.albedo * (1 - under(maker, at[grown])[:, None] * (1 - dye))
     return replace(who, albedo=albedo.astype(np.float32), beard=joined([who.beard, beard]))
 
 
-def under(maker: Maker, beard: Beard) -> Floats:  # [N] 0..1
+def under(maker: Maker, at: Floats) -> Floats:  # [B, 3] mm -> [N] 0..1
     """How far each Gaussian is skin between the strands of a beard."""
-    away, _ = KDTree(standing(maker, beard)).query(anchors(maker))
+    away, _ = KDTree(at).query(anchors(maker))
     skin = maker.anchor_kinds == mesh_parts.SKIN
     return ramp(away, *UNDER_MM) * skin * (1 - maker.surface.share_on(maker.regions["lips"]))
 
