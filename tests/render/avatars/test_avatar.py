@@ -216,6 +216,17 @@ def test_an_unknown_eye_names_the_others(maker, skin):
         maker.albedo(skin, "violet")
 
 
+def test_a_sheet_of_any_number_of_pictures_ends_in_background() -> None:
+    """Red before: `avatar show all --sheet portrait` ended in a traceback where somebody had an
+    avatar of their own: thirteen are no rows of six."""
+    pictures = [np.full((2, 3, 4), value, np.uint8) for value in range(7)]
+    pictures[0][1:] = 200  # somebody before the background
+    drawn = sheet.grid(pictures, 6)
+    assert drawn.shape == (4, 18, 4)
+    assert (drawn[2:, :3] == 6).all()
+    assert not drawn[2:, 3:].any()
+
+
 def test_a_head_survives_ply(tmp_path: Path):
     cloud = sheet.posed(Decoder.load(), identity.load("ben"), "jaw open")
     ply.save(tmp_path / "head.ply", cloud)
