@@ -134,7 +134,7 @@ def posed(name: str, pose: Pose) -> "Gaussians":
     from render.decoder.decoder import Decoder
 
     who = identity.load(name)
-    return sheet.posed(Decoder.load(), who, pose)
+    return sheet.posed(Decoder.load(gaussians=DENSITY), who, pose)
 
 
 def _camera(renderer: "Renderer", settings: PictureSettings) -> "Shoot":

@@ -11,15 +11,15 @@ import trimesh
 from PIL import Image
 
 from app.avatars import register
-from app.commands.avatar import CreateAvatar
-from render.avatars import detail, registration
+from app.commands.avatar import CreateAvatar, ExportAvatar
+from render.avatars import detail, ply, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.cameras import portrait
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.splats.renderer import create_renderer
-from render.types import AHEAD
+from render.types import AHEAD, DENSITY
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
@@ -174,3 +174,10 @@ def test_eyes_and_beard_are_checked_before_the_photographs(
     """Red before: after half a minute of fitting."""
     with pytest.raises(InputError, match=words):  # and not: got a file that is no photograph
         CreateAvatar(name="me", photos=(files["geometry"],), out=files["out"], **option).run()
+
+
+def test_an_exported_head_has_the_gaussians_of_one_that_is_shown(tmp_path: Path) -> None:
+    """Red before: 32k, as of a head that is drawn for two eyes."""
+    ExportAvatar(name="hugo", ply=tmp_path / "head.ply").run()
+    shown = sheet.posed(Decoder.load(gaussians=DENSITY), identity.load("hugo"), "neutral")
+    assert len(ply.load(tmp_path / "head.ply")) == len(shown)
