@@ -23,7 +23,8 @@ def next_command(settings: TrainSettings) -> str:
     if settings.leave_out:
         return f"livedrive eval speech {data} --leave-one-out --mocap DIR"
     if settings.variant != "none":
-        return f"livedrive eval speech {data} --ablations"
+        words = "eval emotion DATA" if stage == "emotion" else "eval speech DATA --ablations"
+        return f"livedrive {words.replace('DATA', data)}"
     if stage in TRAIN:
         words = ["train", TRAIN[stage], "--data", str(settings.data)]
         words += ["--preset", settings.preset] if settings.preset != "default" else []

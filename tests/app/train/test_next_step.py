@@ -40,6 +40,10 @@ def test_every_stage_has_one(stage: Any) -> None:
             "eval prior --face 'my face' --take t.csv",  # red before: without the take
         ),
         (TrainSettings(stage="distill", variant="no-dmd"), "eval speech data --ablations"),
+        (  # red before: eval speech, which knows of no emotion
+            TrainSettings(stage="emotion", variant="fine-tune", data=Path("my data")),
+            "eval emotion 'my data'",
+        ),
     ],
 )
 def test_it_goes_on_with_what_was_made(settings: TrainSettings, command: str) -> None:
