@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.eval.settings import ReportSettings
-from app.terminal.arguments import File
+from app.terminal.arguments import Count, File
 from sensors import files
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ class PhotosSettings(ReportSettings):
 
     face: Path = Path("face")
     """Folder of the face data."""
-    people: int = 8
+    people: Count = 8
     """Held-out people, each from 1, 3 and 5 photographs."""
     picture: File = None
     """PNG to write: of each person three photographs, then the avatar made of these from there."""

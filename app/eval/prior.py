@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.eval.settings import ReportSettings
-from app.terminal.arguments import File
+from app.terminal.arguments import Count, File
 from sensors import files
 
 
@@ -23,9 +23,9 @@ class PriorSettings(ReportSettings):
     """Folder of the face data."""
     take: File = None
     """A Live Link Face CSV: adds real expressions and a round trip of its weights."""
-    people: int = 8
+    people: Count = 8
     """Held-out people."""
-    expressions: int = 3
+    expressions: Count = 3
     """Expressions of each person, each from one view."""
     picture: File = None
     """PNG to write: truth, Gaussians and four times the difference."""

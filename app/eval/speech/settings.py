@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from app.eval.settings import EvalSettings
-from app.terminal.arguments import File
+from app.terminal.arguments import Count, File
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -14,11 +14,11 @@ class SpeechSettings(EvalSettings):
     """Folder with the weights of audio encoder and student; default: the shipped ones."""
     speech: File = None
     """Folder of further speech recordings, not used in training."""
-    every: int = 1
+    every: Count = 1
     """Use only every n-th of them."""
-    samples: int = 5
+    samples: Count = 5
     """Samples drawn for each row (the paper: 5)."""
-    segments: int = 24
+    segments: Count = 24
     """Most segments of 100 frames of each kind of clip."""
     brief: bool = False
     """Only the shipped student: no teacher, no ablations, no ten-minute run."""
