@@ -33,12 +33,15 @@ def recordings(folder: Path, what: str) -> list[Path]:
 
 
 def load_sound(path: Path) -> np.ndarray:  # [T * 1600] f32
-    """A sound file as 48 kHz mono, -1..1, cut to whole frames of 1600 samples."""
-    import soundfile
-    import soxr
+    """A sound file as 48 kHz mono, -1..1, cut to whole frames of 1600 samples.
 
-    sound, rate = soundfile.read(path, dtype="float32", always_2d=True)
-    mono = soxr.resample(sound.mean(1), rate, RATE).astype(np.float32)
+    Raises InputError where it is none, shorter than a second, or holds what is no number."""
+    from encoder.capture.subjects.mocap import read_audio
+
+    mono = read_audio(path)
+    if len(mono) < RATE or not np.isfinite(mono).all():
+        got = f"{len(mono) / RATE:.2f} s" if len(mono) < RATE else "NaN in it"
+        raise InputError(f"{path}: expected a sound of 1 s or more, got {got}; leave it out")
     return mono[: len(mono) // 1600 * 1600]
 
 

@@ -32,6 +32,22 @@ def test_recordings_of_one_s_own_are_judged(tmp_path, capsys):
     assert "hum/open_share" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(
+    ("name", "sound", "told"),
+    [
+        ("text.wav", None, "expected a sound file, got something else"),  # red before: a traceback
+        ("short.wav", np.zeros(100), "expected a sound of 1 s or more, got 0.00 s"),  # another
+        ("nan.wav", np.full(48_000, np.nan), "got NaN in it"),  # lips at rest: ok
+    ],
+)
+def test_a_recording_that_tells_nothing_is_told(tmp_path, name, sound, told):
+    (tmp_path / name).write_text("no sound")
+    if sound is not None:
+        soundfile.write(tmp_path / name, sound, 48_000, subtype="FLOAT")
+    with pytest.raises(InputError, match=f"{name}: .*{told}"):
+        list(rest.sounds(RestSettings(sounds=tmp_path)))
+
+
 def test_a_folder_without_recordings_is_told(tmp_path):
     with pytest.raises(InputError, match=r"expected \.ogg.*give a folder of recordings"):
         list(rest.sounds(RestSettings(sounds=tmp_path)))
