@@ -1,8 +1,11 @@
 """What a training stage is asked to do."""
 
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import Literal
+
+from sensors.types import InputError
 
 Stage = Literal[
     "prior", "audio", "diffusion", "distill", "listen", "voice-activity", "contact", "regression",
@@ -41,6 +44,15 @@ class TrainSettings:
     device: Literal["cpu", "cuda"] = "cpu"
     precision: Literal["float32", "bfloat16"] = "float32"
     compile: bool = False
+
+    def __post_init__(self) -> None:
+        """Raises InputError for no steps or no sound: weights without training would be written."""
+        for option, value, wanted in (
+            ("--steps", self.steps, "1 or more"),
+            ("--stream-minutes", self.stream_minutes, "more than 0"),
+        ):
+            if value is not None and not 0 < value < inf:
+                raise InputError(f"{option}: expected {wanted}, got {value:g}; leave it out")
 
     def minutes(self, usual: float) -> float:
         """Of sound that a stage learns from, `usual` being its default."""
