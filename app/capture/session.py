@@ -7,6 +7,7 @@ The truth goes beside it in motion.npz; it is rule-made.
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +29,7 @@ from sensors.types import (
 
 if TYPE_CHECKING:
     from encoder.capture.motion.rules import Motion
+    from render.decoder.identity import Identity
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,18 +42,25 @@ class SessionSettings:
 
 
 def make_session(folder: Path, settings: SessionSettings) -> None:
-    """Write the session; raise InputError without sentences."""
+    """Write the session; raise InputError without sentences, for an unknown avatar or voice, and
+    for no seconds."""
     from app.face.geometry import lips
     from encoder.capture.made import join
     from encoder.capture.motion.channels import RIG_NAMES, TONGUE_NAMES
     from encoder.capture.motion.rules import Style, speech_curves
     from encoder.capture.speech.synthesis import speak_flite
+    from render.decoder import identity
     from sensors.session.recording import RecordingWriter
 
     if not settings.text:
         raise InputError(
             "capture session: expected sentences, got none; pass --text 'Hello there.'"
         )
+    if settings.seconds is not None and not 1 / FPS <= settings.seconds < inf:
+        raise InputError(
+            f"--seconds: expected a frame or more, got {settings.seconds:g} s; try --seconds 10"
+        )
+    who = identity.load(settings.avatar)  # before there is a folder
     rng = np.random.default_rng(settings.seed)
     spoken = [speak_flite(text, settings.voice) for text in settings.text]
     speech = join(spoken, (0.4, 0.9), rng)
@@ -69,7 +78,7 @@ def make_session(folder: Path, settings: SessionSettings) -> None:
     with RecordingWriter(
         folder, created="", devices=devices, eye_codec="x264", audio_format="pcm16"
     ) as writer:
-        for packet in _packets(sound, motion, frames, settings, rng):
+        for packet in _packets(sound, motion, frames, who, settings.seed, rng):
             writer.append(packet)
     np.savez_compressed(
         folder / MOTION_FILE,
@@ -86,19 +95,19 @@ def _packets(
     sound: NDArray[np.float32],  # [n] at 48 kHz
     motion: "Motion",
     frames: int,
-    settings: SessionSettings,
+    who: "Identity",
+    seed: int,
     rng: np.random.Generator,
 ) -> Iterator[Packet]:
     from tqdm import tqdm
 
-    from render.decoder import identity
     from render.decoder.decoder import Decoder
     from render.near_eye.camera import NearEye
     from render.near_eye.look import Look
 
     renderer = NearEye(Decoder.load())
-    heads = head_poses(sound, frames, settings.seed)
-    wearer = renderer.wear(identity.load(settings.avatar), Look.draw(rng), rng)
+    heads = head_poses(sound, frames, seed)
+    wearer = renderer.wear(who, Look.draw(rng), rng)
     for t in tqdm(range(frames), unit="frame", desc="capturing"):
         eyes = renderer.draw(wearer, motion.rig[t], motion.gaze[t], rng).pictures
         first = t * SAMPLES_PER_FRAME

@@ -126,6 +126,20 @@ def test_bad_words_end_in_one_line(made, tmp_path):
         Capture(words=("statistics", str(tmp_path))).run()
 
 
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"avatar": "nobody"}, "avatar: expected one of ada"),  # red before: half a session stayed
+        ({"seconds": -1.0}, "--seconds: expected a frame or more, got -1 s"),  # one of no length
+        ({"seconds": float("nan")}, "--seconds: .* got nan s; try --seconds 10"),  # a traceback
+    ],
+)
+def test_a_session_that_cannot_be_made_leaves_no_folder(given, told, tmp_path):
+    with pytest.raises(InputError, match=told):
+        Capture(words=("session", str(tmp_path / "s")), text=("Hello.",), **given).run()
+    assert not (tmp_path / "s").exists()
+
+
 def test_inspect_draws_a_clip(made, tmp_path):
     from PIL import Image
 
