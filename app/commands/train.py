@@ -70,11 +70,9 @@ class Train:
 
     def run(self) -> None:
         if self.stage == "landmarks":
-            from app.train.landmarks import make_shapes, make_table
+            from app.train.landmarks import make
 
-            make_table(self.out)
-            if self.face.is_dir():
-                make_shapes(self.face, self.out)
+            make(self.face, self.out)
             return
         from app.train.next_step import next_command
         from app.train.stages import run_stage

@@ -6,16 +6,32 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sensors import files
+
 if TYPE_CHECKING:
+    from render.training.data.face_data import FaceData
     from render.types import Doubles
 
 PEOPLE = 300  # as the decoder's training sees
 
 
-def make_table(out: Path | None) -> None:
-    """Draw the shipped people, find them, and write the table; takes some minutes.
+def make(face: Path, out: Path | None) -> None:
+    """Write both into the folder; takes some minutes.
 
-    Raises InputError where the detector is not installed."""
+    Raises InputError where the detector is not installed, there is no face data, or the folder
+    takes no files."""
+    from render.training.data import face_data
+
+    data = face_data.load(face)
+    if out:
+        files.check_folder(out, "--out", "choose another")
+        out.mkdir(parents=True, exist_ok=True)
+    make_table(out)
+    make_shapes(data, out)
+
+
+def make_table(out: Path | None) -> None:
+    """Draw the shipped people, find them, and write the table."""
     from render.avatars.maker import Maker
     from render.avatars.photos import places
     from render.avatars.photos.detector import FaceDetector
@@ -29,15 +45,15 @@ def make_table(out: Path | None) -> None:
     print(f"wrote {path.resolve()}")
 
 
-def make_shapes(face: Path, out: Path | None) -> None:
-    """Draw people from the face data and write how their points differ."""
+def make_shapes(data: "FaceData", out: Path | None) -> None:
+    """Draw people from its shapes and write how their points differ."""
     from render.avatars import registration
     from render.avatars.alignment import similarity
     from render.avatars.maker import Maker
     from render.avatars.photos import places, point_shapes
-    from render.training.data import face_data, people
+    from render.training.data import people
 
-    maker, table, data = Maker(), places.load(), face_data.load(face)
+    maker, table = Maker(), places.load()
     seen, _ = registration.visible(maker)
     rest = maker.template.astype(np.float64)
 

@@ -1,0 +1,53 @@
+"""What `livedrive train` refuses before it works for minutes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from app.commands.train import Train
+from app.train import landmarks
+from render.training.data import face_data
+from sensors.types import InputError
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"steps": 0}, "--steps: expected 1 or more, got 0; leave it out"),
+        ({"steps": -3}, "--steps: expected 1 or more, got -3"),
+        ({"stream_minutes": float("nan")}, "--stream-minutes: expected more than 0, got nan"),
+        ({"stream_minutes": -1.0}, "--stream-minutes: expected more than 0, got -1"),
+    ],
+)
+def test_training_by_nothing_is_refused(given: dict[str, Any], told: str, tmp_path: Path) -> None:
+    """Red before: untrained weights took the place of others, a stream was made; a traceback."""
+    with pytest.raises(InputError, match=told):
+        Train(stage="audio", data=tmp_path, out=tmp_path, **given).run()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        # red before: minutes of work, then half of what was asked for, without a word; an error
+        ({"face": "nope"}, "face data: expected .*nope.*; give the folder with --face DIR"),
+        ({"out": "file"}, "--out: expected a folder to write into, got .*file"),
+    ],
+)
+def test_landmarks_are_not_begun_where_they_cannot_be_written(
+    given: dict[str, str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(landmarks, "make_table", lambda out: None)
+    monkeypatch.setattr(landmarks, "make_shapes", lambda data, out: None)
+    if "out" in given:
+        monkeypatch.setattr(face_data, "load", lambda face: None)
+    (tmp_path / "file").touch()
+    places = {"face": "face", "out": "out"} | given
+    with pytest.raises(InputError, match=told):
+        Train(stage="landmarks", **{k: tmp_path / v for k, v in places.items()}).run()
+
+
+def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:
+    """Red before: expected a file or folder streams.npz, got none; check the path."""
+    with pytest.raises(InputError, match=r"streams\.npz: .* `livedrive train diffusion`"):
+        Train(stage="multimodal", data=tmp_path, out=tmp_path).run()
