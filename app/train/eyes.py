@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from app.train.settings import TrainSettings
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from encoder.training.loop import RunSettings
@@ -57,9 +58,15 @@ def run_eye_stage(settings: TrainSettings, run: "RunSettings") -> None:
         from app.face.losses import face
         from encoder.training.stages import multimodal
 
+        streams = settings.data / "streams.npz"
+        if not streams.is_file():
+            raise InputError(
+                f"{streams}: expected the sound that `livedrive train diffusion` hears, got none; "
+                "run that stage first"
+            )
         config = multimodal.preset(
             settings.preset,
-            streams=settings.data / "streams.npz",
+            streams=streams,
             student=(settings.start or WEIGHTS) / STUDENTS["gaze"],
             eyes=out / "eyes",
             output=out / STUDENTS["eyes"],
