@@ -7,7 +7,7 @@ from pathlib import Path
 from sensors.types import InputError
 
 
-def overwriting(paths: Iterable[Path | None]) -> None:
+def overwriting(paths: Iterable[Path | None], cure: str = "choose another") -> None:
     """Ask about those that exist, folders with files in them included. Raises InputError unless the
     answer is yes; a script, which has no terminal, is not asked and writes as it was told to.
     """
@@ -17,4 +17,4 @@ def overwriting(paths: Iterable[Path | None]) -> None:
     names = ", ".join(map(str, there))
     print(f"{names}: there already; write over it? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
-        raise InputError(f"expected a new name, got {names}, which is kept; choose another")
+        raise InputError(f"expected a new name, got {names}, which is kept; {cure}")

@@ -54,6 +54,13 @@ class TrainSettings:
             if value is not None and not 0 < value < inf:
                 raise InputError(f"{option}: expected {wanted}, got {value:g}; leave it out")
 
+    @property
+    def folder(self) -> Path:
+        """Of states and of weights that do not ship."""
+        if self.leave_out:
+            return self.data / "leave_out" / "+".join(self.leave_out)
+        return self.data if self.variant == "none" else self.data / self.variant
+
     def minutes(self, usual: float) -> float:
         """Of sound that a stage learns from, `usual` being its default."""
         if self.stream_minutes is not None:

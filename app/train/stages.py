@@ -4,6 +4,7 @@ import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
+from app.terminal import confirm
 from app.train.settings import Baseline, TrainSettings
 from sensors.types import InputError
 
@@ -50,9 +51,7 @@ def run_stage(settings: TrainSettings) -> None:
         _run_prior(settings)
         return
     torch.set_num_threads(1)
-    folder = settings.data if settings.variant == "none" else settings.data / settings.variant
-    if settings.leave_out:
-        folder = settings.data / "leave_out" / "+".join(settings.leave_out)
+    folder = settings.folder
     run = RunSettings(
         state=folder / f"{settings.name or settings.stage}_state",
         seed=settings.seed,
@@ -62,6 +61,8 @@ def run_stage(settings: TrainSettings) -> None:
         compile=settings.compile,
         note=(("command", _words(settings)), ("commit", _commit())),
     )
+    if not settings.resume:
+        confirm.overwriting([run.file], "add --resume to go on with it")
     if settings.stage == "audio":
         from encoder.training.stages import audio
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import pytest
 
 from app.commands.session import ExportSession
+from app.commands.train import Train
 from app.terminal import confirm
 from sensors.types import InputError
 
@@ -43,6 +44,19 @@ def test_it_asks_and_takes_no_for_an_answer(
     asked = answered(monkeypatch, "")
     confirm.overwriting([empty, tmp_path / "new", None])
     assert asked.getvalue() == ""
+
+
+def test_training_asks_before_the_state_of_a_stopped_run_is_lost(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: without --resume a day of training was gone within a minute."""
+    (tmp_path / "audio_state.safetensors").write_text("a day")
+    answered(monkeypatch, "n\n")
+    with pytest.raises(InputError, match=r"audio_state\.safetensors, which is kept; add --resume"):
+        Train(stage="audio", data=tmp_path, out=tmp_path).run()
+    answered(monkeypatch, "")
+    with pytest.raises(InputError, match=r"expected a manifest\.json"):  # not asked
+        Train(stage="audio", data=tmp_path, out=tmp_path, resume=True).run()
 
 
 @pytest.mark.slow
