@@ -6,6 +6,7 @@ voice. Real videos, where a folder is given, go through the whole Driver.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,9 +43,9 @@ class EyesSettings(EvalSettings):
 
 def evaluate(settings: EyesSettings) -> None:
     """Print every metric; exit with status 1 where a threshold is missed."""
-    if settings.clips < (0 if settings.real else 1) or not settings.seconds > 0:
+    if settings.clips < (0 if settings.real else 1) or not 1 <= settings.seconds < inf:
         raise InputError(
-            "eval eyes: expected clips of more than 0 s, or --real FOLDER, got "
+            "eval eyes: expected clips of 1 s or more, or --real FOLDER, got "
             f"--clips {settings.clips} --seconds {settings.seconds:g}"
         )
     from app.terminal.thresholds import finish

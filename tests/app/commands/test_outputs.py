@@ -125,7 +125,8 @@ def test_a_number_out_of_range_is_refused(words: str, capsys: pytest.CaptureFixt
         ("run --mic none --headless --head bogus", "got 'bogus'; try --head auto"),
         ("session create none --audio a.wav --codec h265", "--codec"),
         ("eval eyes --clips 0", "--real FOLDER"),
-        ("eval eyes --clips 2 --seconds 0", "more than 0 s"),
+        ("eval eyes --clips 2 --seconds 0", "1 s or more"),
+        ("eval eyes --clips 2 --seconds 0.01", "1 s or more"),  # red before: a traceback
     ],
 )
 def test_a_wrong_word_is_told_at_once(
