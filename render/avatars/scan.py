@@ -24,6 +24,8 @@ MAX_COLLAPSED = 0.01  # share of triangles without area
 def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) -> Floats:
     """Millimetres, or InputError; heads in cm or m are scaled."""
     count = int(faces.max()) + 1
+    if vertices.dtype.kind not in "fiu":
+        raise InputError(f"{name}: expected numbers, got {vertices.dtype}; save them as float32")
     if vertices.ndim != 2 or vertices.shape[1] != 3 or len(vertices) != count:
         raise InputError(
             f"{name}: expected vertices [{count}, 3] in the topology of the face data, got shape "
@@ -58,10 +60,15 @@ def check_geometry(vertices: NDArray[Any], faces: NDArray[np.int32], name: str) 
 
 
 def is_registered(path: Path, faces: NDArray[np.int32]) -> bool:
-    """Whether a file is to be read by `read_geometry`: npz, or an OBJ with as many vertices."""
+    """Whether a file is to be read by `read_geometry`: npz, or an OBJ with as many vertices.
+
+    Raises InputError for another kind of file."""
     kind = path.suffix.lower()
+    if kind not in (".npz", *surface_scan.KINDS):
+        known = ", ".join((*surface_scan.KINDS, ".npz"))
+        raise InputError(f"{path}: expected one of {known}, got {kind!r}; export it as GLB")
     if kind != ".obj":
-        return kind not in surface_scan.KINDS
+        return kind == ".npz"
     with files.open_regular(path) as file:
         count = sum(line.startswith(b"v ") for line in file)
     return count == int(faces.max()) + 1

@@ -176,6 +176,15 @@ def test_files_that_are_no_geometry_are_refused(maker, tmp_path: Path):
         scan.read_geometry(path, maker.faces)
 
 
+def test_geometry_of_another_kind_is_told(maker, tmp_path: Path) -> None:
+    """Red before: of an FBX that it needs a --texture; of words in an array a traceback."""
+    with pytest.raises(InputError, match=r"head.fbx: expected one of .*\.npz, got '.fbx'; export"):
+        scan.is_registered(tmp_path / "head.fbx", maker.faces)
+    np.savez(tmp_path / "g.npz", vertices=np.full((26719, 3), "x"))
+    with pytest.raises(InputError, match=r"g.npz: expected numbers, got <U1; save them"):
+        scan.read_geometry(tmp_path / "g.npz", maker.faces)
+
+
 def test_textures_are_resized_or_refused(tmp_path: Path):
     path = tmp_path / "t.png"
     Image.new("RGB", (1024, 512), (200, 150, 120)).save(path)
