@@ -19,6 +19,7 @@ from encoder.audio.encoder import AudioEncoder
 from encoder.capture.dataset import PACK_SAMPLES_PER_FRAME, Clip, read_manifest
 from encoder.capture.motion.channels import JAW_OPEN, RIG_INDEX, SPEECH_COLUMNS
 from encoder.capture.motion.upper_face import upper_face
+from encoder.nn.checkpoint import load
 from encoder.training.checkpoints import load_encoder
 from encoder.training.clips import REMOVE, grouped, pick, stacked
 from encoder.training.geometry import TrainingFace
@@ -141,8 +142,10 @@ class StreamOrigin(Protocol):
 
 
 def made_from(config: StreamOrigin) -> dict[str, Any]:
-    """What streams depend on besides the pack: encoder, seed and settings."""
-    audio = json.loads(config.audio.with_suffix(".json").read_text())["sha256"]
+    """What streams depend on besides the pack: encoder, seed and settings.
+
+    Raises InputError where there is no whole encoder."""
+    audio = load(config.audio, "audio", "centred")[1]["sha256"]
     return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
 
 

@@ -1,6 +1,7 @@
 """Sound as microphones hear it, eyes as cameras lose them, scales that fold into a model."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,8 +15,18 @@ from encoder.training.stages import diffusion
 from encoder.training.streams import augment, streams
 from encoder.training.streams import eyes as eye_streams
 from encoder.training.streams.whitening import Whitening
+from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
+
+
+def test_streams_of_no_encoder_name_the_stage_that_makes_one(tmp_path: Path) -> None:
+    """Red before: expected a file or folder audio.json, got none; check the path."""
+    config = streams.StreamConfig(
+        pack=tmp_path, audio=tmp_path / "audio", output=tmp_path / "s.npz"
+    )
+    with pytest.raises(InputError, match="run `livedrive train audio`"):
+        streams.made_from(config)
 
 
 def test_folding_the_gaze_changes_no_output():
