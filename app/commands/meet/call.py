@@ -15,7 +15,6 @@ from app.commands.meet import keys
 from app.commands.meet.server import Bridge, Server, Test
 from app.compose.settings import SoundSettings, Switch
 from app.terminal.arguments import File, Listening, optional
-from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -129,6 +128,7 @@ class Host(CallOptions):
 
     def settings_of_call(self) -> "CallSettings":
         from app.call.live.protocol import CallSettings
+        from app.call.rooms.janus_server import read_key
 
         if bool(self.room) != bool(self.server):
             raise InputError("call host: expected --room and --server together, got one of them")
@@ -140,7 +140,7 @@ class Host(CallOptions):
             avatar_file=self.file_of_avatar(),
             room=self.room,
             server=self.server,
-            server_key=files.read_text(self.key).strip() if self.key else "",
+            server_key=read_key(self.key) if self.key else "",
             port=self.port,
             address=self.address,
             speaker=self.speaker,

@@ -12,6 +12,7 @@ import pytest
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.service import Service
+from app.call.rooms import janus_server
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.janus import JanusRoom
 from app.call.rooms.room import Events, LineSettings
@@ -21,6 +22,7 @@ from app.call.wire import ice
 from app.call.wire.ice import IceServer
 from app.call.wire.invite import Invite
 from app.commands.meet.call import CallOptions, Host, Join
+from app.commands.meet.server import Bridge, Server
 from app.main import main
 from app.process import child
 from app.process.channel import pair
@@ -58,6 +60,24 @@ def test_what_is_missing_starts_no_call(
     monkeypatch.setattr(child, "start", start)
     named = "vmc://no-such.invalid:1" if option == "--send" else "no such one"
     refused([*WORDS[kind], "--mic", "none", "--speaker", "none", option, named], capsys)
+
+
+@pytest.mark.parametrize("data", [b"\x8a\xff" * 16, b"z" * 32], ids=["bytes", "text"])
+@pytest.mark.parametrize("command", ["host", "server", "bridge"])
+def test_a_file_that_is_no_key_is_refused(
+    command: str, data: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: a traceback, but for text of `host`, whose room was blamed."""
+    monkeypatch.setattr(janus_server, "start", lambda *_: pytest.fail("it was started"))
+    (key := tmp_path / "key").write_bytes(data)
+    room = janus_server.room_invite("ws://127.0.0.1:9", "choir", bytes(16), "0" * 32, 0)
+    commands = {
+        "host": Host(room="choir", server="ws://127.0.0.1:9", key=key).settings_of_call,
+        "server": Server(folder=tmp_path, port=0).run,
+        "bridge": Bridge(invite=str(room), key=key, to="ws://127.0.0.1:9", to_key=key).run,
+    }
+    with pytest.raises(InputError, match=r"key of a server.* in .*key, got .*; give"):
+        commands[command]()
 
 
 @pytest.mark.slow
