@@ -15,6 +15,7 @@ from app.commands.meet import keys
 from app.commands.meet.server import Bridge, Server, Test
 from app.compose.settings import SoundSettings, Switch
 from app.terminal.arguments import File, Listening, optional
+from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ class CallOptions(LiveDriveOptions):
 
         for url in self.ice:
             ice.parse(url)
+        if self.record:
+            files.check_folder(self.record.parent, "--record", "choose another")
         settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call

@@ -87,6 +87,16 @@ def test_a_missing_loudspeaker_is_told_once(kind: str, capsys: pytest.CaptureFix
     refused([*WORDS[kind], "--mic", "none", "--speaker", "no such one"], capsys)
 
 
+def test_a_recording_that_nothing_can_hold_is_refused_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: it was told once everybody had agreed, amid the call."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(CallOptions, "live_drive_settings", lambda *_, **__: pytest.fail("passed"))
+    with pytest.raises(InputError, match="--record: expected a folder to write into"):
+        Join(invite=INVITE, record=tmp_path / "file" / "take").run()
+
+
 @pytest.mark.slow
 def test_a_room_without_a_server_invites_nobody(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
