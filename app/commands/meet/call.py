@@ -101,6 +101,7 @@ class CallOptions(LiveDriveOptions):
         finally:
             link.close()
         values = run.report(parts, summary) | {"call": link.report}
+        values["recording"] = tape.problem or ("complete" if tape.sessions else "none")
         finish(values, self.report, settings.files.written)
         for session in tape.sessions:
             print(f"wrote {session.resolve()}; next: livedrive replay {quote(str(session))}")

@@ -1,8 +1,10 @@
 """A call is opened or joined when all that was asked for is there, and not before."""
 
 import asyncio
+import json
 import re
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -95,6 +97,16 @@ def test_a_recording_that_nothing_can_hold_is_refused_at_the_start(
     monkeypatch.setattr(CallOptions, "live_drive_settings", lambda *_, **__: pytest.fail("passed"))
     with pytest.raises(InputError, match="--record: expected a folder to write into"):
         Join(invite=INVITE, record=tmp_path / "file" / "take").run()
+
+
+@pytest.mark.slow
+def test_the_report_of_a_call_tells_whether_it_was_recorded(tmp_path: Path) -> None:
+    """Red before: only that of `run` did."""
+    words = [*WORDS["host"], "--mic", "none", "--speaker", "none", "--headless", "--seconds", "1"]
+    words += ["--address", "127.0.0.1", "--report", str(tmp_path / "report.json")]
+    code = "from app.main import main; main()"
+    subprocess.run([sys.executable, "-c", code, *words], check=True, timeout=120)
+    assert json.loads((tmp_path / "report.json").read_text())["recording"] == "none"
 
 
 @pytest.mark.slow
