@@ -62,16 +62,26 @@ def _back(rig_names: tuple[str, ...]) -> Floats:  # [53, 52]
 
 
 def read_live_link(path: Path) -> Floats:  # [T, 52]
-    """Weights of a Live Link Face table in the order of NAMES; rows without a face are dropped."""
-    with path.open(newline="") as file:
-        rows = list(csv.reader(file))
-    header = [word[:1].lower() + word[1:] for word in rows[0]] if rows else []
-    missing = [name for name in NAMES if name not in header]
-    if missing:
-        raise InputError(
-            f"Live Link table {path}: expected a column {missing[0]!r} (and {len(missing) - 1} "
-            f"more), got {len(header)} columns; export it from Live Link Face again"
-        )
-    columns = [header.index(name) for name in NAMES]
-    full = [row for row in rows[1:] if len(row) >= len(header) and row[columns[0]]]
-    return np.array([[float(row[c]) for c in columns] for row in full], np.float32)
+    """Weights of a Live Link Face table in the order of NAMES; rows without a face are dropped.
+
+    Raises InputError where it is no such table, or has no face.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = list(csv.reader(file))
+        header = [word[:1].lower() + word[1:] for word in rows[0]] if rows else []
+        columns = [header.index(name) for name in NAMES]
+        full = [row for row in rows[1:] if len(row) >= len(header) and row[columns[0]]]
+        weights = np.array([[float(row[c]) for c in columns] for row in full], np.float32)
+    except (ValueError, csv.Error) as error:
+        raise _no_table(path, str(error)) from None
+    if not full:
+        raise _no_table(path, "no row with a face")
+    return weights
+
+
+def _no_table(path: Path, got: str) -> InputError:
+    return InputError(
+        f"Live Link table {path}: expected columns {NAMES[0]}, ... with numbers, got {got}; "
+        "export it from Live Link Face again"
+    )

@@ -213,6 +213,13 @@ def write_bytes(
         draft.write_bytes(data)
 
 
+def write_all(file: Any, data: bytes) -> None:
+    """All of it to an unbuffered file, which may take less at a time."""
+    rest = memoryview(data)
+    while rest:
+        rest = rest[file.write(rest) :]
+
+
 def write_text(path: Path, text: str, *, private: bool = False) -> None:
     """UTF-8, lines end in a line feed on every system."""
     write_bytes(path, text.encode("utf-8"), private=private)

@@ -136,7 +136,7 @@ def _close(parts: Sequence[Closable]) -> None:
     for part in parts:
         try:
             part.close()
-        except OSError as error:
+        except BaseException as error:  # also a Ctrl-C meanwhile
             failures.append(error)
     if failures:
         raise failures[0]

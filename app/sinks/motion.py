@@ -1,7 +1,8 @@
 """The motion file: codes, gaze, ARKit, and the vertices that the metrics look at."""
 
 import zipfile
-from io import BytesIO
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,16 @@ from render.decoder.identity import Identity
 from sensors import files
 
 
+@dataclass(frozen=True)
+class Rows:
+    """A float32 array that is made row by row while it is written: an hour of vertices is 4 GB."""
+
+    shape: tuple[int, ...]
+    rows: Iterable[NDArray[np.float32]]
+
+
 class MotionSink:
-    """Collects codes (about 1.2 kB a frame); vertices are decoded when it closes."""
+    """Collects codes (1.2 kB a frame, 130 MB an hour); vertices are decoded when it closes."""
 
     def __init__(self, path: Path, decoder: Decoder, identity: Identity) -> None:
         self._path, self._decoder, self._identity = path, decoder, identity
@@ -41,35 +50,40 @@ def motion_arrays(
     frames: list[tuple[int, NDArray[np.float32], NDArray[np.float32]]],
     decoder: Decoder,
     identity: Identity,
-) -> dict[str, NDArray[np.generic]]:
+) -> dict[str, NDArray[np.generic] | Rows]:
     """The arrays of a motion file from (t_ns, expression [256], gaze [2, 3]) of each frame."""
     expression = np.array([f[1] for f in frames], np.float32).reshape(-1, 256)
     gaze = np.array([f[2] for f in frames], np.float32).reshape(-1, 2, 3)
-    regions = {"lips_mm": decoder.regions["lips"], "upper_face_mm": decoder.regions["upper_face"]}
-    parts = {k: np.empty((len(frames), len(v), 3), np.float32) for k, v in regions.items()}
-    for t in range(len(frames)):
-        vertices = decoder.vertices(expression[t], gaze[t], identity)
-        for name, region in regions.items():
-            parts[name][t] = vertices[region]
+
+    def vertices(region: str) -> Rows:
+        places = decoder.regions[region]
+        codes = zip(expression, gaze, strict=True)
+        rows = (decoder.vertices(code, eyes, identity)[places] for code, eyes in codes)
+        return Rows((len(frames), len(places), 3), rows)
+
     return {
         "t_ns": np.array([f[0] for f in frames], np.int64),
         "expression": expression,
         "gaze": gaze,
         "arkit": arkit(decoder.rig(expression), gaze, decoder.rig_names),
         "arkit_names": np.array(ARKIT_NAMES),
-        **parts,
+        "lips_mm": vertices("lips"),
+        "upper_face_mm": vertices("upper_face"),
     }
 
 
-def save_npz(path: Path, arrays: dict[str, NDArray[np.generic]]) -> None:
+def save_npz(path: Path, arrays: Mapping[str, NDArray[np.generic] | Rows]) -> None:
     """np.savez without the time of day: equal arrays make equal files."""
     with (
         files.replacing(path, private=True) as draft,
         zipfile.ZipFile(draft, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive,
     ):
         for name, array in arrays.items():
-            data = BytesIO()
-            np.lib.format.write_array(data, array, allow_pickle=False)
-            entry = zipfile.ZipInfo(f"{name}.npy", date_time=(1980, 1, 1, 0, 0, 0))
-            entry.compress_type = zipfile.ZIP_DEFLATED
-            archive.writestr(entry, data.getvalue())
+            with archive.open(f"{name}.npy", "w", force_zip64=True) as entry:
+                if isinstance(array, Rows):
+                    kind = {"descr": "<f4", "fortran_order": False, "shape": array.shape}
+                    np.lib.format.write_array_header_1_0(entry, kind)
+                    for row in array.rows:
+                        entry.write(row.astype("<f4").tobytes())
+                else:
+                    np.lib.format.write_array(entry, array, allow_pickle=False)

@@ -18,6 +18,9 @@ if TYPE_CHECKING:
     from render.decoder.decoder import Decoder
 
 
+MAX_PATH = 256  # bytes; every datagram holds it, and `--head livelink:` reads no longer name
+
+
 @dataclass(frozen=True)
 class Address:
     """A URL of `--send`, read."""
@@ -133,6 +136,11 @@ def parse(url: str) -> Address:
         raise InputError(
             f"--send: expected nothing behind the port of {parts.scheme}://, got {'/' + path!r}; "
             f"try --send {parts.scheme}://{parts.netloc}"
+        )
+    if (size := len(path.encode())) > MAX_PATH:
+        raise InputError(
+            f"--send: expected a {SCHEMES[parts.scheme].path} of {MAX_PATH} bytes at most behind "
+            f"the port of {parts.scheme}://, got {size}; give a shorter one"
         )
     return Address(url, parts.scheme, parts.hostname, port, path)
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from app.terminal import confirm
-from app.train.settings import Baseline, TrainSettings
+from app.train.settings import Baseline, Stage, TrainSettings
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -34,7 +34,15 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own
-LEAVING_OUT = ("diffusion", "distill", "listen", "voice-activity", "contact")
+OF_ENCODER = tuple(stage for stage in get_args(Stage) if stage not in ("prior", "landmarks"))
+# option: the stages that take it
+TAKEN_BY = {
+    "name": ("peers",),
+    "leave_out": ("diffusion", "distill", "listen", "voice-activity", "contact"),
+    "teacher": ("audio",),
+    "phones": ("listen",),
+    **dict.fromkeys(("start", "steps", "stream_minutes"), OF_ENCODER),
+}
 EXTENDING = ("emotion", "contact", "listen", "voice-activity")  # --start is what they extend
 
 
@@ -46,7 +54,7 @@ def run_stage(settings: TrainSettings) -> None:
     from encoder.training.parallel import local_device
 
     overrides = _overrides(settings)
-    _check_name(settings)
+    _check_options(settings)
     if settings.stage == "prior":
         _run_prior(settings)
         return
@@ -88,12 +96,6 @@ def run_stage(settings: TrainSettings) -> None:
 
 
 def _run_prior(settings: TrainSettings) -> None:
-    for option in ("start", "steps", "stream_minutes", "teacher", "phones"):
-        if getattr(settings, option) is not None:
-            raise InputError(
-                f"--{option.replace('_', '-')}: expected a stage of the encoder, got prior, whose "
-                "steps its preset names; leave it away"
-            )
     from render.decoder.learned import weights_file
     from render.training import prior
 
@@ -174,11 +176,6 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
     if settings.steps is not None:
         overrides["steps"] = settings.steps
     if settings.leave_out:
-        if settings.stage not in LEAVING_OUT:
-            raise InputError(
-                f"--leave-out: expected one of the stages {', '.join(LEAVING_OUT)}, got "
-                f"{settings.stage}; leave it away"
-            )
         overrides["without"] = settings.leave_out
     if settings.start is not None and settings.stage not in EXTENDING:
         names = {"audio": "audio", "diffusion": "teacher", "distill": "student"}
@@ -186,14 +183,17 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
     return overrides
 
 
-def _check_name(settings: TrainSettings) -> None:
-    known = ", ".join(get_args(Baseline))
+def _check_options(settings: TrainSettings) -> None:
+    usual = TrainSettings(stage=settings.stage)
+    for option, stages in TAKEN_BY.items():
+        if settings.stage not in stages and getattr(settings, option) != getattr(usual, option):
+            raise InputError(
+                f"--{option.replace('_', '-')}: expected one of the stages {', '.join(stages)}, "
+                f"got {settings.stage}; leave it away"
+            )
     if settings.stage == "peers" and settings.name is None:
+        known = ", ".join(get_args(Baseline))
         raise InputError(f"train peers: expected --name and one of {known}, got none; give one")
-    if settings.stage != "peers" and settings.name is not None:
-        raise InputError(
-            f"--name {settings.name}: expected the stage peers, got {settings.stage}; leave it away"
-        )
 
 
 def _weights(settings: TrainSettings) -> Path:

@@ -19,7 +19,7 @@ def ensure(folder: Path) -> str:
     """The token of this folder of settings."""
     path = folder / TOKEN_FILE
     if files.check_regular(path).exists():
-        token = files.read_text(path).strip()
+        token = files.read_bytes(path).decode("ascii", "replace").strip()
         if PATTERN.fullmatch(token):
             return token
         raise InputError(

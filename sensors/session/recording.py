@@ -202,7 +202,7 @@ class RecordingWriter:
                 self._eyes[packet.eye] = EyeVideoWriter(path, self._eye_codec)
             picture = self._eyes[packet.eye].append(packet.image, packet.t_ns - self._start_ns)
             entry = EyeEntry(packet.t_ns, packet.eye, packet.counter, picture)
-        self._timeline.write(entry_line(entry))
+        files.write_all(self._timeline, entry_line(entry))
         count(self._counts, entry)
 
     def close(self) -> None:

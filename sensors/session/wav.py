@@ -28,7 +28,7 @@ class WavWriter:
         self._tag, self._width = FORMATS[audio_format]
         self._file = path.open("wb", buffering=0)
         self.num_samples = 0
-        self._file.write(_header(self._tag, self._width, 0))
+        files.write_all(self._file, _header(self._tag, self._width, 0))
 
     def has_room(self, num_samples: int) -> bool:
         """4 GiB hold 6.2 hours of float32."""
@@ -46,10 +46,10 @@ class WavWriter:
             data = samples.astype("<f4")
         else:
             data = np.clip(np.rint(samples * np.float32(32768)), -32768, 32767).astype("<i2")
-        self._file.write(data.tobytes())
+        files.write_all(self._file, data.tobytes())
         self.num_samples += len(samples)
         self._file.seek(0)
-        self._file.write(_header(self._tag, self._width, self.num_samples))
+        files.write_all(self._file, _header(self._tag, self._width, self.num_samples))
         self._file.seek(0, 2)
         return offset
 

@@ -40,10 +40,7 @@ from sensors.standins.usb_descriptors import (
 )
 from sensors.types import NS
 
-MAX_PAYLOAD = 16_384
-HEADER_BYTES = 12
-
-
+MAX_PAYLOAD, HEADER_BYTES = 16_384, 12
 Backend: Any = usb.backend.IBackend  # without types
 
 
@@ -64,13 +61,12 @@ class UsbCamera(Backend):
     ) -> None:
         self.pictures, self.rate_hz = list(pictures), rate_hz
         self.vendor, self.product = vendor, product
-        self.plugged, self.fault = True, ""
+        self.plugged, self.committed, self.fault = True, False, ""
         self.streaming, self.infrared = not needs_switch, False
         self.registers: dict[int, int] = {}
-        self.committed = False
         self.configuration = configuration_descriptor(width, height, self.rate_hz)
         self._probe = bytes(PROBE_BYTES)
-        self._reply, self._driver = bytes(LENGTH), {0, 1}
+        self._reply, self.kernel_drives = bytes(LENGTH), {0, 1}
         self._payloads: Iterator[bytes] = iter(())
         self._rng = np.random.default_rng(seed)
         self._lock = threading.Lock()
@@ -120,7 +116,7 @@ class UsbCamera(Backend):
 
     def claim_interface(self, dev_handle: Any, intf: int) -> None:
         self._check()
-        if intf in self._driver:
+        if intf in self.kernel_drives:
             raise USBError("Resource busy", -6, errno.EBUSY)
 
     def release_interface(self, dev_handle: Any, intf: int) -> None:
@@ -128,10 +124,14 @@ class UsbCamera(Backend):
 
     def is_kernel_driver_active(self, dev_handle: Any, intf: int) -> bool:
         self._check()
-        return intf in self._driver
+        return intf in self.kernel_drives
 
     def detach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
-        self._driver.discard(intf)
+        self.kernel_drives.discard(intf)
+
+    def attach_kernel_driver(self, dev_handle: Any, intf: int) -> None:
+        self._check()
+        self.kernel_drives.add(intf)
 
     def ctrl_transfer(
         self,

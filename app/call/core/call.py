@@ -7,7 +7,7 @@ loudspeaker <- pull <- VoiceTrack of each Partner      loop <- show <- ticks of 
 
 import secrets
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -77,6 +77,10 @@ class Call:
             tell=self._tell,
         )
 
+    def present(self) -> list[tuple[Partner, Hello]]:
+        """The partners who are here now, with what they said last."""
+        return [(p, p.hello) for p in self.partners.values() if p.hello]
+
     def may_send(self) -> bool:
         return agreement.may_send(self.hello, self._hellos())
 
@@ -89,16 +93,15 @@ class Call:
         self.say_hello()
 
     def say_hello(self) -> None:
-        now_ns = self._now_ns()
-        here = self._here()
+        now_ns, here = self._now_ns(), self.present()
         self.hello = replace(
             self.hello,
             now_ns=now_ns,
             origin_ns=self._outgoing.origin_ns or 0,
-            met=tuple(p.identity for p in here),
+            met=tuple(p.identity for p, _ in here),
             has=tuple(self.files),
-            hears=tuple(p.identity for p in here if p.is_heard(now_ns)),
-            echoes=tuple((p.identity, p.hello.now_ns, p.hello_ns) for p in here if p.hello),
+            hears=tuple(p.identity for p, _ in here if p.is_heard(now_ns)),
+            echoes=tuple((p.identity, hello.now_ns, p.hello_ns) for p, hello in here),
         )
         if self.room is not None:
             self.room.say(HELLO + self.hello.to_bytes())
@@ -233,11 +236,8 @@ class Call:
             partner.close()
             self.left.append(partner)
 
-    def _here(self) -> Sequence[Partner]:
-        return [p for p in self.partners.values() if p.hello is not None]
-
     def _hellos(self) -> list[Hello]:
-        return [p.hello for p in self.partners.values() if p.hello]
+        return [hello for _, hello in self.present()]
 
     def _tell_once(self, about: str, line: str) -> None:
         if self._told.get(about) != line:

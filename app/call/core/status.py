@@ -25,7 +25,8 @@ def delay_ms(call: Call, partner: Partner) -> float | None:
 
 def status_lines(call: Call, behind_ms: Mapping[str, float]) -> list[str]:
     """Lines for window and terminal, the own state first; `behind_ms`: see Seats."""
-    hellos = [p.hello for p in call.partners.values() if p.hello is not None]
+    here = call.present()
+    hellos = [hello for _, hello in here]
     heard = agreement.heard_by(call.hello, hellos)
     own = [f"heard by {heard} of {len(hellos)}" if hellos else "nobody is here yet"]
     if call.hello.muted:
@@ -37,10 +38,7 @@ def status_lines(call: Call, behind_ms: Mapping[str, float]) -> list[str]:
     elif call.hello.records:
         own.append("asks to record")
     lines = [", ".join(own)]
-    for partner in call.partners.values():
-        hello = partner.hello
-        if hello is None:
-            continue
+    for partner, hello in here:
         parts = [hello.name]
         if not hello.accepted:
             parts.append("has not accepted yet")

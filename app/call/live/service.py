@@ -192,7 +192,7 @@ class Service:
             await asyncio.sleep(TELL_S)
 
     def _seat_partners(self, call: Call) -> None:
-        here = {p.identity: p.hello for p in call.partners.values() if p.hello is not None}
+        here = {partner.identity: hello for partner, hello in call.present()}
         for row in self._seats.rows:
             if row["identity"] and row["identity"].decode() not in here:
                 self._seats.leave(row["identity"].decode())

@@ -19,7 +19,7 @@ from app.call.wire.seal import derive
 from sensors import files
 from sensors.types import LOOPBACK, InputError
 
-HEX = re.compile(r"[0-9a-f]{64}")
+HEX, KEY = re.compile(r"[0-9a-f]{64}"), re.compile(r"[0-9a-f]{32}")
 TOKEN_S = 12 * 3600  # that an invite lets people in
 GENERAL = """general: {{
     configs_folder = "{folder}"
@@ -68,6 +68,17 @@ class ServerSettings:
     certificate: Path | None = None  # PEM with the key behind it: wss instead of ws
 
 
+def read_key(path: Path) -> str:
+    """The key of a server; raises InputError where the file holds none."""
+    key = files.read_bytes(path).strip().decode("ascii", "replace")
+    if not KEY.fullmatch(key):
+        raise InputError(
+            f"call: expected the key of a server (32 hex digits) in {path}, got something else; "
+            "give the file `key` in the folder of its livedrive call server"
+        )
+    return key
+
+
 def admin_key(key: str) -> str:
     return derive(bytes.fromhex(key), "janus admin").hex()
 
@@ -90,7 +101,7 @@ def room_invite(server: str, room: str, secret: bytes, key: str, now_s: int) -> 
     fingerprint = bytes.fromhex(url.fragment) if HEX.fullmatch(url.fragment) else b""
     scheme = "wss" if fingerprint else "ws"
     good = url.scheme == scheme and url.hostname and ROOM.fullmatch(room)
-    if not good or not HEX.fullmatch(key.ljust(64, "0")) or len(key) != 32:
+    if not good or not KEY.fullmatch(key):
         raise InputError(
             f"call: expected --room NAME, --server wss://HOST:PORT#FINGERPRINT and its --key "
             f"file, got room {room[:40]!r} on {server[:60]!r}; see livedrive call server"

@@ -72,6 +72,8 @@ class CallOptions(LiveDriveOptions):
 
         for url in self.ice:
             ice.parse(url)
+        if self.record:
+            files.check_folder(self.record.parent, "--record", "choose another")
         settings = self.live_drive_settings("call", web_sound=self.speaker == "web", in_call=True)
         from app.call.live.tape import CallTape
         from app.compose.call import open_call, through_call, with_call
@@ -99,6 +101,7 @@ class CallOptions(LiveDriveOptions):
         finally:
             link.close()
         values = run.report(parts, summary) | {"call": link.report}
+        values["recording"] = tape.problem or ("complete" if tape.sessions else "none")
         finish(values, self.report, settings.files.written)
         for session in tape.sessions:
             print(f"wrote {session.resolve()}; next: livedrive replay {quote(str(session))}")
@@ -129,6 +132,7 @@ class Host(CallOptions):
 
     def settings_of_call(self) -> "CallSettings":
         from app.call.live.protocol import CallSettings
+        from app.call.rooms.janus_server import read_key
 
         if bool(self.room) != bool(self.server):
             raise InputError("call host: expected --room and --server together, got one of them")
@@ -140,7 +144,7 @@ class Host(CallOptions):
             avatar_file=self.file_of_avatar(),
             room=self.room,
             server=self.server,
-            server_key=files.read_text(self.key).strip() if self.key else "",
+            server_key=read_key(self.key) if self.key else "",
             port=self.port,
             address=self.address,
             speaker=self.speaker,

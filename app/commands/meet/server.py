@@ -36,7 +36,7 @@ class Server:
     def run(self) -> None:
         import secrets
 
-        from app.call.rooms.janus_server import ServerSettings, start
+        from app.call.rooms.janus_server import ServerSettings, read_key, start
         from app.call.rooms.listen import write_certificate
         from app.call.wire.invite import in_url
 
@@ -52,7 +52,7 @@ class Server:
             pem = self.folder / "certificate.pem"
             fragment, scheme = f"#{write_certificate(pem).hex()}", "wss"
         settings = ServerSettings(
-            key=files.read_text(key).strip(),
+            key=read_key(key),
             host=host,
             port=self.port,
             public_address=self.address,
@@ -116,11 +116,11 @@ class Bridge:
         import asyncio
 
         from app.call.rooms import bridge
-        from app.call.rooms.janus_server import room_invite
+        from app.call.rooms.janus_server import read_key, room_invite
         from app.call.wire.invite import parse
 
         first = parse(self.invite)
-        keys = [files.read_text(key).strip() for key in (self.key, self.to_key)]
+        keys = [read_key(key) for key in (self.key, self.to_key)]
         if first.kind != "room":
             raise InputError(
                 "call bridge: expected an invite to a room, got one of two people; "

@@ -40,7 +40,7 @@ class UsbLink:
 
     def __init__(self, vendor: int, product: int, clock: Clock, backend: Any = None) -> None:
         core, util = pyusb("core"), pyusb("util")
-        self._clock, self._release = clock, util.dispose_resources
+        self._clock, self._util = clock, util
         self._usb_error, self._usb_timeout = core.USBError, core.USBTimeoutError
         try:
             found = core.find(idVendor=vendor, idProduct=product, backend=backend)
@@ -51,7 +51,7 @@ class UsbLink:
         if found is None:
             device = f"{vendor:04x}:{product:04x}"
             raise CameraLostError(f"no USB device {device} is plugged in; see: livedrive devices")
-        self._device, self._vive = found, None
+        self._device, self._vive, self._detached = found, None, list[int]()
         try:
             self._open(vendor, product)
         except (core.USBError, DescriptorError, ValueError, NotImplementedError) as error:
@@ -87,7 +87,14 @@ class UsbLink:
                 self._vive.switch_off()
         except (self._usb_error, CameraLostError):
             pass  # it is gone already
-        self._release(self._device)
+        for interface in self._detached:
+            with suppress(self._usb_error):
+                self._util.release_interface(self._device, interface)
+        for interface in self._detached:  # its driver takes both together, where nobody has one
+            with suppress(self._usb_error):  # it has taken it, or the camera is gone
+                self._device.attach_kernel_driver(interface)
+        self._detached.clear()
+        self._util.dispose_resources(self._device)
 
     def _open(self, vendor: int, product: int) -> None:
         camera = describe(self._device)
@@ -95,6 +102,7 @@ class UsbLink:
             with suppress(NotImplementedError):  # not on Windows
                 if self._device.is_kernel_driver_active(interface):
                     self._device.detach_kernel_driver(interface)
+                    self._detached.append(interface)
         known = profile(vendor, product)
         if known is not None and known.vive_commands:
             self._vive = ViveTracker(ExtensionUnit(self._device, camera.control_interface, UNIT))

@@ -1,8 +1,10 @@
 """A call is opened or joined when all that was asked for is there, and not before."""
 
 import asyncio
+import json
 import re
 import socket
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -12,6 +14,7 @@ import pytest
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.service import Service
+from app.call.rooms import janus_server
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.janus import JanusRoom
 from app.call.rooms.room import Events, LineSettings
@@ -21,6 +24,7 @@ from app.call.wire import ice
 from app.call.wire.ice import IceServer
 from app.call.wire.invite import Invite
 from app.commands.meet.call import CallOptions, Host, Join
+from app.commands.meet.server import Bridge, Server
 from app.main import main
 from app.process import child
 from app.process.channel import pair
@@ -60,11 +64,49 @@ def test_what_is_missing_starts_no_call(
     refused([*WORDS[kind], "--mic", "none", "--speaker", "none", option, named], capsys)
 
 
+@pytest.mark.parametrize("data", [b"\x8a\xff" * 16, b"z" * 32], ids=["bytes", "text"])
+@pytest.mark.parametrize("command", ["host", "server", "bridge"])
+def test_a_file_that_is_no_key_is_refused(
+    command: str, data: bytes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: a traceback, but for text of `host`, whose room was blamed."""
+    monkeypatch.setattr(janus_server, "start", lambda *_: pytest.fail("it was started"))
+    (key := tmp_path / "key").write_bytes(data)
+    room = janus_server.room_invite("ws://127.0.0.1:9", "choir", bytes(16), "0" * 32, 0)
+    commands = {
+        "host": Host(room="choir", server="ws://127.0.0.1:9", key=key).settings_of_call,
+        "server": Server(folder=tmp_path, port=0).run,
+        "bridge": Bridge(invite=str(room), key=key, to="ws://127.0.0.1:9", to_key=key).run,
+    }
+    with pytest.raises(InputError, match=r"key of a server.* in .*key, got .*; give"):
+        commands[command]()
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", WORDS)
 def test_a_missing_loudspeaker_is_told_once(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     """Red before: the invite had been printed, and the run went on alone until Ctrl-C."""
     refused([*WORDS[kind], "--mic", "none", "--speaker", "no such one"], capsys)
+
+
+def test_a_recording_that_nothing_can_hold_is_refused_at_the_start(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: it was told once everybody had agreed, amid the call."""
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(CallOptions, "live_drive_settings", lambda *_, **__: pytest.fail("passed"))
+    with pytest.raises(InputError, match="--record: expected a folder to write into"):
+        Join(invite=INVITE, record=tmp_path / "file" / "take").run()
+
+
+@pytest.mark.slow
+def test_the_report_of_a_call_tells_whether_it_was_recorded(tmp_path: Path) -> None:
+    """Red before: only that of `run` did."""
+    words = [*WORDS["host"], "--mic", "none", "--speaker", "none", "--headless", "--seconds", "1"]
+    words += ["--address", "127.0.0.1", "--report", str(tmp_path / "report.json")]
+    code = "from app.main import main; main()"
+    subprocess.run([sys.executable, "-c", code, *words], check=True, timeout=120)
+    assert json.loads((tmp_path / "report.json").read_text())["recording"] == "none"
 
 
 @pytest.mark.slow

@@ -85,6 +85,28 @@ def test_a_full_disk_still_closes_source_driver_and_sinks() -> None:
     assert sink.indices == list(range(10))
 
 
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
+def test_all_is_closed_whatever_fails_meanwhile(failure: type[BaseException]) -> None:
+    """Red before: whatever was no OSError left open what came behind it."""
+
+    class Fails(Keep):
+        def close(self) -> None:
+            super().close()
+            raise failure
+
+    class FailsToo(Keep):
+        def close(self) -> None:
+            super().close()
+            raise OSError("second")
+
+    clock, driver, sinks = ManualClock(), Counting(), (Fails(), FailsToo(), Keep())
+    words = {"source": Tone(clock, 3), "driver": driver, "clock": clock, "realtime": True}
+    parts = Drive(sinks=sinks, **words)
+    with pytest.raises(failure):
+        drive(parts)
+    assert all(sink.closed for sink in sinks) and driver.closed
+
+
 def test_a_live_run_outlives_a_full_disk(capsys: pytest.CaptureFixture[str]) -> None:
     """Red before: the run ended, though its recording went on."""
 

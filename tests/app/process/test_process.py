@@ -75,6 +75,22 @@ def test_a_slow_reader_costs_whole_packets_and_never_a_part_of_one() -> None:
         end.close()
 
 
+def test_an_end_that_is_gone_amid_a_packet_is_not_merely_slow() -> None:
+    """Red before: BlockingIOError for ever, so that nobody noticed."""
+    ours, theirs = pair()
+    theirs.send(b"last words")
+    while True:
+        try:
+            ours.send(bytes(40_000))
+        except BlockingIOError:
+            break
+    theirs.socket.close()
+    with pytest.raises(ConnectionError):
+        ours.send(b"next")
+    assert [*ours.waiting()] == [b"last words", b""]
+    ours.close()
+
+
 def test_nothing_to_read_does_not_wait_and_a_dead_end_says_so() -> None:
     ours, theirs = pair()
     with pytest.raises(BlockingIOError):

@@ -42,6 +42,14 @@ def test_a_path_that_names_nothing_is_refused(name: str) -> None:
             parse(url)
 
 
+@pytest.mark.parametrize("name", [name for name in SCHEMES if SCHEMES[name].path])
+def test_a_path_that_fills_a_datagram_is_refused(name: str) -> None:
+    """Red before: no datagram of 70,000 bytes can be sent, and none was, without a word."""
+    assert parse(f"{name}://127.0.0.1:9/{128 * 'é'}").path == 128 * "é"
+    with pytest.raises(InputError, match="of 256 bytes at most .* got 258; give"):
+        parse(f"{name}://127.0.0.1:9/{129 * 'é'}")
+
+
 def test_datagrams_of_all_targets_share_one_thread(decoder: Decoder) -> None:
     urls = [entry.example for name, entry in SCHEMES.items() if name != "ws"]
     (sink,) = open_all(urls, Outlet(decoder, "ben", ManualClock()))

@@ -93,11 +93,24 @@ def test_a_variant_of_a_stage_that_does_not_differ_is_an_error(data):
         train(data, "prior", variant="plain")  # red before: trained without it
 
 
-@pytest.mark.parametrize("option", [{"steps": 7}, {"start": Path("x")}, {"stream_minutes": 1.0}])
-def test_what_the_prior_does_not_take_is_an_error(data, option):
-    """Red before: it trained without a word, by its preset."""
-    with pytest.raises(InputError, match="expected a stage of the encoder, got prior"):
-        train(data, "prior", **option)
+@pytest.mark.parametrize(
+    ("stage", "option"),
+    [
+        ("prior", {"steps": 7}),
+        ("prior", {"start": Path("x")}),
+        ("prior", {"stream_minutes": 1.0}),
+        ("audio", {"name": "talkshow"}),
+        ("audio", {"leave_out": ("anna",)}),
+        ("distill", {"phones": Path("x")}),  # red before
+        ("distill", {"teacher": Path("x")}),  # red before
+    ],
+)
+def test_what_a_stage_does_not_take_is_an_error(data, stage, option):
+    """Red before: it trained without a word."""
+    words = {"stream_minutes": None} | option
+    name = f"--{next(iter(option)).replace('_', '-')}"
+    with pytest.raises(InputError, match=f"{name}: expected one of the stages .*, got {stage}"):
+        train(data, stage, **words)
 
 
 def test_starting_from_other_shapes_is_an_error(data):

@@ -117,9 +117,10 @@ def test_a_token_lasts_and_belongs_to_one_port(
                     assert got.status == status, cookie
 
         play(work)
-    (certificate.folder() / access.TOKEN_FILE).write_text("short")
-    with pytest.raises(InputError, match="delete it"):
-        access.ensure(certificate.folder())
+    for damaged in (b"short", b"\x8a\xff" * 16):  # red before: the second was a traceback
+        (certificate.folder() / access.TOKEN_FILE).write_bytes(damaged)
+        with pytest.raises(InputError, match="delete it"):
+            access.ensure(certificate.folder())
 
 
 def test_a_key_of_another_certificate_is_told(

@@ -48,9 +48,17 @@ def test_a_live_link_table_is_read_and_a_wrong_one_refused(tmp_path: Path):
     lost = ["00:00:01:00.0", "0"]
     path.write_text("\n".join(",".join(r) for r in (head, row, lost)))
     np.testing.assert_array_equal(arkit.read_live_link(path), np.full((1, 52), 0.5, np.float32))
-    path.write_text(",".join(head[:-1]))
-    with pytest.raises(InputError, match="expected a column"):
-        arkit.read_live_link(path)
+    words = [",".join(head).encode(), ",".join(row).encode()]
+    for damaged, got in {
+        b"": "'browDownLeft' is not in list",
+        words[0].removesuffix(b",TongueOut"): "'tongueOut' is not in list",
+        words[0]: "no row with a face",  # red before, as the two below
+        b"\n".join(words).replace(b"0.5", b"half"): "'half'",
+        b"\x8a\xff" * 16: "can't decode",
+    }.items():
+        path.write_bytes(damaged)
+        with pytest.raises(InputError, match=f"take.csv: .*got .*{got}.*; export"):
+            arkit.read_live_link(path)
 
 
 def test_the_tongue_and_the_free_part_leave_the_rig_alone(decoder):

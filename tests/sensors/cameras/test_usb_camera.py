@@ -1,5 +1,6 @@
 """USB cameras through pyusb and a backend that speaks the protocol: stream, damage, unplugging."""
 
+import errno
 import shutil
 import struct
 import subprocess
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from cameras_material import Start, collect, opening
+from usb.core import USBError
 from waiting import wait_until
 
 from sensors.cameras.discovery import found_devices
@@ -102,7 +104,7 @@ class OnWindows(UsbCamera):
 
     def __init__(self) -> None:
         super().__init__(FILM, rate_hz=60)
-        self._driver = set()
+        self.kernel_drives = set()
 
     def is_kernel_driver_active(self, dev_handle: object, intf: int) -> bool:
         raise NotImplementedError
@@ -111,6 +113,38 @@ class OnWindows(UsbCamera):
         if self.foreign:
             raise NotImplementedError
         return super().open_device(dev)
+
+
+class OnLinux(UsbCamera):
+    """Its kernel's driver takes both interfaces of a camera, and none that a program has."""
+
+    claimed: frozenset[int] = frozenset()
+
+    def claim_interface(self, dev_handle, intf: int) -> None:
+        super().claim_interface(dev_handle, intf)
+        self.claimed |= {intf}
+
+    def release_interface(self, dev_handle, intf: int) -> None:
+        super().release_interface(dev_handle, intf)
+        self.claimed -= {intf}
+
+    def attach_kernel_driver(self, dev_handle, intf: int) -> None:
+        if self.claimed or intf in self.kernel_drives:
+            raise USBError("Resource busy", -6, errno.EBUSY)
+        for each in (0, 1):
+            super().attach_kernel_driver(dev_handle, each)
+
+
+def test_a_closed_camera_is_given_back_to_its_driver() -> None:
+    """Red before: no other program saw it until it was plugged in again."""
+    backend = OnLinux(FILM)
+    for _ in range(2):
+        link = UsbLink(0x35BD, 0x0202, MonotonicClock(), backend)
+        assert backend.kernel_drives == set()
+        wait_until(lambda link=link: link.read(1.0) is not None, "a picture")
+        link.close()
+        assert backend.kernel_drives == {0, 1}
+        link.close()
 
 
 def test_windows_has_no_driver_to_detach(start: Start) -> None:

@@ -1,6 +1,7 @@
 """Sessions on disk: exact round trip, lazy access, and what survives `kill -9`."""
 
 import errno
+import io
 import json
 import os
 import signal
@@ -58,6 +59,29 @@ def test_round_trip_is_exact(tmp_path: Path) -> None:
         assert recording.info.eyes == (0, 1)
         assert recording.card["created"] == "2026-01-01"
         assert recording.card["counts"] == {"audio": 24000, "eye_left": 15, "eye_right": 30}
+
+
+def test_a_disk_that_takes_little_at_a_time_gets_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: what the system did not take at once was left out, of sound and timeline."""
+    usual = Path.open
+
+    class Slow(io.FileIO):
+        def write(self, data) -> int:
+            return super().write(memoryview(data)[:33])
+
+    def opened(path: Path, mode: str = "r", buffering: int = -1, **words):
+        return usual(path, mode, buffering, **words) if buffering else Slow(path, mode)
+
+    monkeypatch.setattr(Path, "open", opened)
+    sent = [packet for packet in packets(0.1) if isinstance(packet, AudioPacket)]
+    with RecordingWriter(tmp_path / "s", created="") as writer:
+        for packet in sent:
+            writer.append(packet)
+    with Recording(tmp_path / "s") as recording:
+        got = [recording.packet(entry) for entry in recording.entries]
+    assert all(b is not None and same_packet(a, b) for a, b in zip(sent, got, strict=True))
 
 
 def test_losses_and_gap_marks_are_kept(tmp_path: Path) -> None:
