@@ -132,11 +132,11 @@ def _running(parts: Drive) -> Generator[None]:
 
 def _close(parts: Sequence[Closable]) -> None:
     """Close every part even when one fails; the first failure is raised at the end."""
-    failures: list[BaseException] = []
+    failures: list[Exception] = []
     for part in parts:
         try:
             part.close()
-        except OSError as error:
+        except Exception as error:
             failures.append(error)
     if failures:
         raise failures[0]

@@ -85,6 +85,19 @@ def test_a_full_disk_still_closes_source_driver_and_sinks() -> None:
     assert sink.indices == list(range(10))
 
 
+def test_a_part_that_fails_to_close_leaves_no_other_open() -> None:
+    """Red before: an output that failed otherwise than a disk does left the driver running."""
+
+    class Failing(Keep):
+        def close(self) -> None:
+            raise RuntimeError("the encoder is lost")
+
+    clock, driver = ManualClock(), Counting()
+    with pytest.raises(RuntimeError, match="encoder"):
+        run(Tone(clock, 3), clock, Failing(), driver=driver)
+    assert driver.closed
+
+
 def test_a_live_run_outlives_a_full_disk(capsys: pytest.CaptureFixture[str]) -> None:
     """Red before: the run ended, though its recording went on."""
 
