@@ -4,7 +4,7 @@ Everything is in eye space: millimetres from the centre of the eyeball; the righ
 in x, so that all code sees left eyes. Vertex ranges are those of the face data's topology.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,7 +93,7 @@ def eye_skin(
         roots, brow_faces,
     )  # fmt: skip
     gap = _gap(*skin.margins(rest))
-    return EyeSkin(**{**skin.__dict__, "opening_mm": max(gap, 4.0)})
+    return replace(skin, opening_mm=max(gap, 4.0))
 
 
 def _margin(rest: Floats, near: NDArray[np.int32], sign: int) -> NDArray[np.int32]:

@@ -111,7 +111,7 @@ def run(
     ).coalesce()
     read, weight = read.to(device), torch.from_numpy(weights).to(device)
     data, held_out = data.to(device), held_out.to(device)
-    networks.set_seed(seed)
+    torch.manual_seed(seed)
     free_dim = networks.CODE_DIM - NUM_RIG
     made = DecoderNetworks(
         networks.IdentityEncoder(), networks.ExpressionEncoder(free_dim), networks.LightDecoder()
