@@ -74,4 +74,9 @@ def read_live_link(path: Path) -> Floats:  # [T, 52]
         )
     columns = [header.index(name) for name in NAMES]
     full = [row for row in rows[1:] if len(row) >= len(header) and row[columns[0]]]
-    return np.array([[float(row[c]) for c in columns] for row in full], np.float32)
+    try:
+        return np.array([[float(row[c]) for c in columns] for row in full], np.float32)
+    except ValueError as error:
+        raise InputError(
+            f"Live Link table {path}: expected weights, got {error}; repair or delete that line"
+        ) from None

@@ -51,6 +51,10 @@ def test_a_live_link_table_is_read_and_a_wrong_one_refused(tmp_path: Path):
     path.write_text(",".join(head[:-1]))
     with pytest.raises(InputError, match="expected a column"):
         arkit.read_live_link(path)
+    row[2] = "n/a"  # red before: a traceback
+    path.write_text("\n".join(",".join(r) for r in (head, row)))
+    with pytest.raises(InputError, match="expected weights"):
+        arkit.read_live_link(path)
 
 
 def test_the_tongue_and_the_free_part_leave_the_rig_alone(decoder):
