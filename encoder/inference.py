@@ -126,9 +126,13 @@ def eyes_fit(folder: Path) -> bool:
         if not path.is_file():
             return False
         try:
-            cards[name] = files.read_json(path)
+            cards[name] = card = files.read_json(path)
+            if not isinstance(card, dict) or "sha256" not in card:
+                raise ValueError("no sha256")
         except ValueError as error:
-            raise InputError(f"checkpoint {path}: expected JSON, got {error}; restore it") from None
+            raise InputError(
+                f"checkpoint {path}: expected a card in JSON, got {error}; restore it"
+            ) from None
     seeing = cards[STUDENTS["eyes"]]
     return (
         seeing.get("audio_model", {}).get("sha256") == cards[STUDENTS["gaze"]]["sha256"]

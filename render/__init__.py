@@ -1,0 +1,1 @@
+"""The render side: expression codes to a head of mesh and splats, and those to pictures."""

@@ -113,7 +113,7 @@ class Renderer(Protocol):
         ...
 
     def read_rgba(self) -> NDArray[np.uint8]:
-        """Return the last picture [H, W, 4], top row first; valid until the next read."""
+        """Return the last picture [H, W, 4], top row first; valid until the next draw."""
         ...
 
     def close(self) -> None:

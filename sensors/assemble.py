@@ -66,7 +66,7 @@ class Assembler:
         )
         self._shown: list[EyePacket | None] = [None, None]
         self._next_counter: list[int | None] = [None, None]
-        self._wishes = deque[EmotionPacket](maxlen=MAX_WAITING_PICTURES)
+        self._emotions = deque[EmotionPacket](maxlen=MAX_WAITING_PICTURES)
         self._emotion = ""
         self._requests: tuple[Request, ...] = ()  # since the last frame
         self._poses = deque[HeadPacket](maxlen=MAX_WAITING_POSES)
@@ -81,7 +81,7 @@ class Assembler:
         if isinstance(packet, AudioPacket):
             self._push_audio(packet)
         elif isinstance(packet, EmotionPacket):
-            self._wishes.append(packet)
+            self._emotions.append(packet)
         elif isinstance(packet, RequestPacket):
             self._requests = (*self._requests, packet.wanted)[-MAX_REQUESTS:]
         elif isinstance(packet, HeadPacket):
@@ -147,8 +147,8 @@ class Assembler:
         if self._last_t_ns is not None:
             t_ns = max(t_ns, self._last_t_ns + 1)
         eyes, valid, age_ns = self._eyes_at(t_ns)
-        while self._wishes and self._wishes[0].t_ns <= t_ns:
-            self._emotion = self._wishes.popleft().words
+        while self._emotions and self._emotions[0].t_ns <= t_ns:
+            self._emotion = self._emotions.popleft().words
         head, head_valid, head_age_ns = self._head_at(t_ns)
         self._frames.append(
             SensorFrame(

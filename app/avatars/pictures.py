@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal
 
 from render.types import DENSITY, Density
 from sensors import files
-from sensors.types import InputError
+from sensors.types import FPS, InputError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -124,7 +124,7 @@ def save_turn(
     decoder = Decoder.load(gaussians=gaussians, light=light)
     cloud = sheet.posed(decoder, identity.load(name), "neutral")
     renderer = create_renderer()
-    film(path, sheet.around(cloud, renderer, size, max(round(seconds * 30), 1)))
+    film(path, sheet.around(cloud, renderer, size, max(round(seconds * FPS), 1)))
     renderer.close()
 
 

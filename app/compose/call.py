@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from app.call.live.gate import Gate
 from app.call.live.link import CallLink, CallMicrophone, CallSink
@@ -14,6 +15,7 @@ from app.compose.live import tell
 from app.compose.settings import SoundSettings
 from app.drive.loop import Drive
 from app.drive.sink import FrameResult, RunInfo
+from encoder.types import DrivenFrame
 from sensors.types import SAMPLES_PER_FRAME, InputError
 
 if TYPE_CHECKING:
@@ -46,14 +48,17 @@ def with_call(parts: Drive, link: CallLink) -> Drive:
 
 
 class _Collect:
-    """Keeps what the driver made of a session."""
+    """Keeps a session's sound and what the driver made of it; not the eyes' pictures, which would
+    fill the memory."""
 
     def __init__(self) -> None:
-        self.frames: list[FrameResult] = []
+        self.sound: list[NDArray[np.float32]] = []
+        self.driven: list[DrivenFrame] = []
 
     def on_start(self, info: RunInfo) -> None: ...
     def on_frame(self, result: FrameResult) -> None:
-        self.frames.append(replace(result, picture=None))
+        self.sound.append(result.sensors.audio)
+        self.driven.append(result.driven)
 
     def close(self) -> None: ...
 
@@ -68,17 +73,17 @@ def session_material(session: Path) -> "Material":
 
     collect = _Collect()
     replay(session, DriveSettings(), [collect])
-    frames: Sequence[FrameResult] = collect.frames
-    if len(frames) < 60:
-        raise InputError(f"call test: expected a session of 2 s or more, got {len(frames)} frames")
+    count = len(collect.driven)
+    if count < 60:
+        raise InputError(f"call test: expected a session of 2 s or more, got {count} frames")
     decoder = Decoder.load()
     basis = basis_of(decoder.coding.frame, decoder.coding.to_code)
-    sound = np.concatenate([f.sensors.audio for f in frames])
-    assert len(sound) == SAMPLES_PER_FRAME * len(frames)
+    sound = np.concatenate(collect.sound)
+    assert len(sound) == SAMPLES_PER_FRAME * count
     return Material(
         sound=sound,
-        expression=np.array([f.driven.expression for f in frames]),
-        gaze=np.array([f.driven.gaze for f in frames]),
+        expression=np.array([d.expression for d in collect.driven]),
+        gaze=np.array([d.gaze for d in collect.driven]),
         rows=basis.rows,
         reach=basis.reach,
         lips=decoder.moves(decoder.regions["lips"]),

@@ -10,7 +10,7 @@ from app.compose.settings import DriveSettings
 from app.drive.loop import Drive, Summary
 from app.drive.sink import Expendable
 from sensors import files
-from sensors.types import FPS
+from sensors.types import FPS, SAMPLE_RATE
 
 if TYPE_CHECKING:
     from sensors.live.source import LiveSource
@@ -65,7 +65,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
 
 def sensor_report(source: "LiveSource") -> dict[str, Any]:
     """What each sensor of a live run did."""
-    found: dict[str, Any] = {"silence_seconds": round(source.silence_samples / 48_000, 3)}
+    found: dict[str, Any] = {"silence_seconds": round(source.silence_samples / SAMPLE_RATE, 3)}
     microphone = source.microphone
     if microphone is not None:
         found["microphone"] = {

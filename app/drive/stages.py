@@ -1,4 +1,4 @@
-"""Timing of the named stages of a tick, without allocation in the loop."""
+"""Timing of the named stages of a tick."""
 
 import time
 from collections.abc import Generator
@@ -14,10 +14,7 @@ CAPACITY = 30 * 60 * 10  # the last ten minutes of ticks
 
 
 class Stages:
-    """Wall and CPU time of each stage; `with stages("audio"): ...`.
-
-    A tick is what one frame costs. Its time is the time between `begin` and `end`.
-    """
+    """Wall and CPU time of each stage; `with stages("audio"): ...`. "tick" is around all others."""
 
     def __init__(self) -> None:
         self._wall_ns = {name: np.full(CAPACITY, 0, np.int64) for name in STAGES}

@@ -8,6 +8,7 @@ is a tick of 320 kB, in shared memory.
 """
 
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, Protocol
@@ -94,7 +95,8 @@ class WindowSink:
         controls = self._memory.controls
         if not self._crashed and not controls["closed"] and self._process.poll() is not None:
             self._crashed = True
-            print("livedrive: the window has crashed; driving goes on, Ctrl-C ends it")
+            words = "livedrive: the window has crashed; driving goes on, Ctrl-C ends it"
+            print(words, file=sys.stderr)
         if self._tape is not None and self._tape.failed:
             controls["recording"] = False  # the button shows it
         wanted = picks.read(controls, self._info)

@@ -32,12 +32,14 @@ class TrackState:
 
 
 def recentred(state: TrackState) -> TrackState:
-    """Where the head is now is the centre from now on; its pitch and roll stay as measured."""
+    """Where the head is now is the centre from now on; its pitch and roll stay as measured. Eyes
+    have nothing to make up for: that is no motion of the head."""
     if state.pose is None:
         return state
     _, yaw, _ = rotation.to_angles(state.pose.quat)
     ahead = rotation.from_angles((0.0, yaw, 0.0))
-    return replace(state, position=state.pose.position, yaw=ahead, slow=UNIT)
+    slow = rotation.multiply(rotation.inverse(ahead), state.pose.quat)
+    return replace(state, position=state.pose.position, yaw=ahead, slow=slow)
 
 
 def step(

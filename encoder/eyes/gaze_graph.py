@@ -55,21 +55,21 @@ class GazeGraph:
         """Read and check; a missing or damaged file is an InputError of one line."""
         remedy = "restore the file or run `livedrive train gaze`"
         try:
-            with np.load(path, allow_pickle=False) as data:
-                missing = [name for name in _ARRAYS if name not in data]
-                if missing or int(data["format"]) != FORMAT:
-                    raise InputError(
-                        f"gaze graph {path}: expected format {FORMAT} with {', '.join(_ARRAYS)}, "
-                        f"got another (missing: {', '.join(missing) or 'none'}); {remedy}"
-                    )
-                xy = data["gaze_xy"].astype(np.float64) / _FULL
-                z = np.sqrt(np.maximum(1 - (xy**2).sum(-1, keepdims=True), 0))
-                gaze = np.concatenate([xy, z], -1)
-                gaze /= np.linalg.norm(gaze, axis=-1, keepdims=True)
-                lids = data["lids"].astype(np.float32) / np.float32(255)
-                first, successors = data["first_edge"], data["successors"].astype(np.int32)
-                chances = data["chances"].astype(np.float64)
-        except (OSError, ValueError, EOFError) as error:
+            data = files.load_npz(path)
+            missing = [name for name in _ARRAYS if name not in data]
+            if missing or int(data["format"]) != FORMAT:
+                raise InputError(
+                    f"gaze graph {path}: expected format {FORMAT} with {', '.join(_ARRAYS)}, "
+                    f"got another (missing: {', '.join(missing) or 'none'}); {remedy}"
+                )
+            xy = data["gaze_xy"].astype(np.float64) / _FULL
+            z = np.sqrt(np.maximum(1 - (xy**2).sum(-1, keepdims=True), 0))
+            gaze = np.concatenate([xy, z], -1)
+            gaze /= np.linalg.norm(gaze, axis=-1, keepdims=True)
+            lids = data["lids"].astype(np.float32) / np.float32(255)
+            first, successors = data["first_edge"], data["successors"].astype(np.int32)
+            chances = data["chances"].astype(np.float64)
+        except (OSError, ValueError, TypeError) as error:
             if isinstance(error, InputError):
                 raise
             raise InputError(

@@ -8,11 +8,11 @@ from scipy.spatial import KDTree
 from render.avatars import hairline
 from render.avatars.maker import Maker
 from render.decoder.identity import Identity
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.strands import Hair, away
 
 NEIGHBOURS = 24
 SOFT_MM = 18.0  # hair far from the skin follows a wide part of it
-SKIN = 11248  # the first vertices are the skin's
 HIGH_MM = 80.0  # hair so high lies over the skin below it
 DENSE = 0.9  # cover of skin that has the colour of roots
 DARKER = 0.25  # of its area that is: at the edges skin shows through
@@ -26,9 +26,11 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
     if len(hair) == 0:
         return who
     head, used = maker.surface, who.geometry[maker.surface.used]
-    points, normals = head.interpolate @ used, maker.normals(who.geometry)[:SKIN]
+    points, normals = head.interpolate @ used, maker.normals(who.geometry)[:SKIN_VERTICES]
     low, over = (
-        hairline.near(points, hairline.feet(who.geometry[:SKIN], normals, hair.means, highest))
+        hairline.near(
+            points, hairline.feet(who.geometry[:SKIN_VERTICES], normals, hair.means, highest)
+        )
         for highest in (hairline.LOW_MM, HIGH_MM)
     )
     out, up = (RADIUS_MM * away(at) for at in (points, hair.means))
@@ -53,7 +55,7 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
 
 def transfer(lender: Identity, wearer: Identity) -> Hair:
     """Move the lender's hair with the scalp: each strand follows the skin nearest to it."""
-    hair, skin = lender.hair, lender.geometry[:SKIN]
+    hair, skin = lender.hair, lender.geometry[:SKIN_VERTICES]
     if len(hair) == 0:
         return hair
     scalp = np.flatnonzero((skin[:, 1] > SCALP_MM) | (skin[:, 2] < 10))

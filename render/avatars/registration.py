@@ -18,11 +18,11 @@ from render.avatars.alignment import Doubles, Pose
 from render.avatars.maker import Maker
 from render.avatars.surface_scan import Scan
 from render.decoder import identity
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.types import Floats, Ints
 from sensors.types import InputError
 
 EYES_MM = 5.0  # height above which what is no skin belongs to an eye
-SKIN_VERTICES = 11248  # of the mesh, the first
 ATTACHED = 14062  # with the insides of mouth and sockets, which hang on them
 REACH_MM = (25.0, 8.0)  # pairs farther apart do not count: at first, at the end
 AGREE = 0.5  # cosine between normals of a pair

@@ -34,8 +34,7 @@ from sensors.rotation import REST
 from sensors.threads import Threads
 from sensors.types import HeadPose, InputError
 
-__all__ = ["EXPRESSION_DIM", "KIND", "Decoder"]
-KIND = "prior"
+__all__ = ["EXPRESSION_DIM", "Decoder"]
 NUM_RIG = 53  # shapes of the rig; the tongue's come after them
 LIP_LIGHT = np.float32(0.55)  # of that at rest, at least: rolled lips have blots in what is learned
 # Gap of the lips at which the inside of the mouth begins to be drawn, how much wider all of it is.

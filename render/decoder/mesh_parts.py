@@ -13,6 +13,7 @@ from render.decoder.kernels import surface as kernels
 from render.types import Floats, Ints, Shorts
 
 SKIN, EYE, COLOURED, TEETH = range(4)
+SKIN_VERTICES = 11_248  # face and back of the head; they come first in the mesh
 
 
 @dataclass(frozen=True)

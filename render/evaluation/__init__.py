@@ -1,1 +1,1 @@
-"""The prior judged against the reference renderer."""
+"""Heads judged: the prior against the reference renderer, those made from photographs, pupils."""

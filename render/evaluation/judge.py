@@ -20,6 +20,7 @@ from render.decoder import beard, mesh_parts
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
 from render.decoder.learned import atlas, weights_file
+from render.decoder.posing import Rest
 from render.evaluation import metrics as prior_metrics
 from render.gl.contexts import GLContext
 from render.gl.mesh_renderer import MeshRenderer
@@ -43,7 +44,7 @@ class Subject:
     """A held-out person: the ground truth, and the identity that the prior makes of them."""
 
     geometry: Floats  # [V, 3] mm, as given to the prior
-    rest: Any  # render.posing.Rest: the truth at rest
+    rest: Rest  # the truth at rest
     skin: Floats  # [1024, 2048, 3]
     eye: Floats  # [512, 512, 3]
     light: Floats  # [U, 4] that reaches them at rest
@@ -163,7 +164,7 @@ class Judge:
             self._decoders[density] = Decoder.load(gaussians=density)
         return self._decoders[density]
 
-    def picture(  # type: ignore[no-untyped-def]
+    def picture(
         self,
         who: Subject,
         code: Floats,
@@ -171,7 +172,7 @@ class Judge:
         camera: Camera,
         density: Density = "65k",
         matte: bool = False,
-    ):
+    ) -> tuple[Floats, NDArray[np.uint8]]:
         """Decoded vertices and the picture of the Gaussians [H, W, 3]; matte: without lobes."""
         mesh, cloud = self.decoder_of(density).decode(code, gaze, who.identity)
         if matte:
@@ -184,8 +185,7 @@ class Judge:
     def gaze_error_deg(self, who: Subject, yaw_deg: float, pitch_deg: float) -> float:
         """Angle between the iris drawn with Gaussians and drawn by the mesh renderer."""
         gaze = expressions.gaze(yaw_deg, pitch_deg)
-        still = np.zeros(len(self.assembly.names), np.float32)
-        worst = 0.0
+        still, worst = np.zeros(len(self.assembly.names), np.float32), 0.0
         for eye in range(2):
             centre = who.rest.eye_centers[eye]
             camera = eye_camera(centre)

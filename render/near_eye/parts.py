@@ -4,14 +4,14 @@ Everything is in eye space: millimetres from the centre of the eyeball; the righ
 in x, so that all code sees left eyes. Vertex ranges are those of the face data's topology.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.types import Floats
 
-SKIN_END = 11_248  # vertices of face and back of the head come first
 LACRIMAL = ((24_591, 24_795), (24_795, 24_999))  # the pink corner, left and right
 REACH_MM = 52.0
 MARGIN_X = np.arange(-9.0, 11.1, 1.25)  # columns in which the lid margins are found
@@ -76,7 +76,7 @@ def eye_skin(
     local = to_eye(neutral, center, side)
     first, last = LACRIMAL[eye]
     index = np.arange(len(neutral))
-    wanted = (index < SKIN_END) | ((index >= first) & (index < last))
+    wanted = (index < SKIN_VERTICES) | ((index >= first) & (index < last))
     wanted &= (np.linalg.norm(local, axis=1) < REACH_MM) & (local[:, 2] > -12)
     faces = mesh_faces[wanted[mesh_faces].all(1)]
     members = np.unique(faces)
@@ -93,7 +93,7 @@ def eye_skin(
         roots, brow_faces,
     )  # fmt: skip
     gap = _gap(*skin.margins(rest))
-    return EyeSkin(**{**skin.__dict__, "opening_mm": max(gap, 4.0)})
+    return replace(skin, opening_mm=max(gap, 4.0))
 
 
 def _margin(rest: Floats, near: NDArray[np.int32], sign: int) -> NDArray[np.int32]:

@@ -11,8 +11,8 @@ from render.avatars import detail, hairline, lashes
 from render.avatars.maker import Maker
 from render.decoder import identity, mesh_parts
 from render.decoder.beard import Beard, joined
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data import age, people
-from render.training.data.face_data import SKIN_VERTICES
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import beard, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly

@@ -26,6 +26,7 @@ MAX_TEXT = 256  # bytes
 TIMECODE = re.compile(r"(\d+):(\d+):(\d+)[:;](\d+)(\.\d+)?")
 COLUMNS = ("Timecode", "HeadYaw", "HeadPitch", "HeadRoll")
 MAX_ANGLE = 1e3  # rad
+DAY_S = 86_400.0
 
 
 def quaternion(yaw: float, pitch: float, roll: float) -> Quat:
@@ -65,6 +66,7 @@ def read_csv(path: Path) -> Iterator[HeadPacket]:
     for seconds, frame, *turn in rows:
         time_s = seconds + frame / rate
         start_s = time_s if start_s is None else start_s
+        time_s += DAY_S if start_s - time_s > DAY_S / 2 else 0  # a take over midnight
         try:
             pose = rotation.checked((0.0, 0.0, 0.0), quaternion(*turn))
         except ValueError:

@@ -41,7 +41,7 @@ class Sight:
 
 
 class Call:
-    """One end. Everything happens in one thread; time is an argument."""
+    """One end. One thread at a time; time is an argument."""
 
     def __init__(
         self,

@@ -11,6 +11,7 @@ import threading
 import time
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,17 +109,20 @@ class Service:
         """Running; its invite goes to the loop, that of a new room once the server has let us in.
         Raises InputError where it does not."""
         line = LineSettings(ice_servers=settings.ice_servers)
-        identity = call.hello.identity
+        identity, events = call.hello.identity, call.events()
+        events = replace(
+            events, packet=self._alone(events.packet), message=self._alone(events.message)
+        )
         if invite is not None and invite.kind == "direct":
-            call.room = DirectGuest(invite, call.events(), line)
+            call.room = DirectGuest(invite, events, line)
         elif invite is not None:
-            call.room = JanusRoom(invite, identity, call.events(), line)
+            call.room = JanusRoom(invite, identity, events, line)
         elif settings.room:
             invite = room_invite(
                 settings.server, settings.room, secret, settings.server_key, self._date_s
             )
             key = janus_server.admin_key(settings.server_key)
-            room = call.room = JanusRoom(invite, identity, call.events(), line, key)
+            room = call.room = JanusRoom(invite, identity, events, line, key)
             task = asyncio.create_task(room.run())
             await asyncio.wait([task, room.entered, ended], return_when=asyncio.FIRST_COMPLETED)
             if task.done():
@@ -128,12 +132,21 @@ class Service:
         else:
             address = settings.address or own_address()
             call.room, task, invite = await host_direct(
-                (settings.listen, settings.port), address, secret, call.events(), line
+                (settings.listen, settings.port), address, secret, events, line
             )
             self._post(protocol.pack_json(protocol.INVITE, str(invite)))
             return task
         self._post(protocol.pack_json(protocol.INVITE, str(invite)))
         return asyncio.create_task(call.room.run())
+
+    def _alone(self, act: Callable[..., None]) -> Callable[..., None]:
+        """`act`, but never while the loudspeaker's thread reads from the partners."""
+
+        def locked(*given: object) -> None:
+            with self._lock:
+                act(*given)
+
+        return locked
 
     def tell(self, line: str) -> None:
         """A line for the person, printed by the loop."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from app.call.media.opus import LOOK_AHEAD
 from app.call.media.timeline import Timeline
 from app.call.wire.packet import Tick
-from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME
+from sensors.types import FPS, NS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 HOLD_NS = 200_000_000
 EASE_NS = 400_000_000  # from the last pose to rest
@@ -64,7 +64,7 @@ def note(timeline: Timeline, ticks: Sequence[int], offset: int, now_ns: int) -> 
 
 
 def end_of(index: int, offset: int) -> int:
-    """Media at which tick `index` is due: the END of its 1600 samples, as the codec delays them."""
+    """Media at which tick `index` is due: the END of its samples, as the codec delays them."""
     return (index + 1) * SAMPLES_PER_FRAME + offset + LOOK_AHEAD
 
 
@@ -87,7 +87,11 @@ class FaceTrack:
         """False: known already, or too old or too new to be true."""
         newest = max(self._ticks, default=tick.index)
         is_back = now_ns - self._pushed_ns > GONE_NS
-        if tick.index in self._ticks or not is_back and abs(tick.index - newest) > FAR // 1600:
+        if (
+            tick.index in self._ticks
+            or not is_back
+            and abs(tick.index - newest) > FAR // SAMPLES_PER_FRAME
+        ):
             return False
         if is_back:
             self._ticks.clear()
@@ -115,7 +119,7 @@ class FaceTrack:
             tick = between(tick, following, (media - end) / max(next_end - end, 1))
             late_ns = 0
         self.behind_ms += LATELY * (late_ns / 1e6 - self.behind_ms)
-        held = late_ns > HOLD_NS + NS / 30
+        held = late_ns > HOLD_NS + NS / FPS
         self._rest = _towards(self._rest, held, step_ns / (EASE_NS if held else RETURN_NS))
         return Shown(at_rest(tick, _smooth(self._rest)), self._presence)
 

@@ -73,8 +73,9 @@ class DirectRoom:
         if self._socket is not None:
             await self._socket.close()
 
-    async def _stay(self, socket: "Socket", partner: str = "") -> None:
-        """Until the socket closes; SealError where a message is not of this call."""
+    async def _stay(self, socket: "Socket", partner: str) -> None:
+        """Until the socket closes; `partner`: empty while unknown. Raises SealError where a message
+        is not of this call."""
         self._socket, self._partner = socket, partner
         self._events.opened()
         async for message in socket:
@@ -215,7 +216,7 @@ class DirectGuest(DirectRoom):
                     ) as socket:
                         told = ""
                         with contextlib.suppress(SealError):
-                            await self._stay(socket)
+                            await self._stay(socket, self._partner)
                         if socket.close_code in REFUSALS:
                             raise InputError(REFUSALS[socket.close_code])
                 except aiohttp.ServerFingerprintMismatch:

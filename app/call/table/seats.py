@@ -37,7 +37,6 @@ SEAT = np.dtype(
         ("name", "S160"),  # UTF-8
         ("avatar", "S160"),  # a name
         ("file", "S400"),  # an avatar's file that was sent and checked, or nothing
-        ("muted", "?"),
         ("level", "<f4"),  # of the voice
         ("posted", "<i8"),
         ("anchor", "<f8", (2,)),  # media, and media samples a sample of ours ...
@@ -79,7 +78,7 @@ class Seats:
         self._status["may_record"][0] = agreed
 
     def take(self, identity: str, name: str, avatar: str, file: str = "") -> None:
-        """Give `identity` a seat or update its name; False if all seats are taken."""
+        """Give `identity` a seat or update its name; nothing where all are taken."""
         seat = self._seat(identity)
         if seat is None:
             free = [row for row in self.rows if not row["identity"]]
@@ -135,7 +134,6 @@ class Seats:
 class Sitter:
     """A partner as drawn at one moment."""
 
-    place: int
     identity: str
     name: str
     avatar: str
@@ -156,7 +154,7 @@ class SeatReader:
     def sitters(self, now_ns: int) -> list[Sitter]:
         """Everybody whose face is known, in the order of their seats."""
         found: list[Sitter] = []
-        for place, row in enumerate(self.seats.rows):
+        for row in self.seats.rows:
             identity = row["identity"].decode()
             anchor_ns, (media, rate) = int(row["anchor_ns"]), row["anchor"]
             if not identity or not anchor_ns:
@@ -172,7 +170,7 @@ class SeatReader:
                 )
                 level = float(row["level"])
                 found.append(
-                    Sitter(place, identity, name, avatar, file, shown.tick, shown.presence, level)
+                    Sitter(identity, name, avatar, file, shown.tick, shown.presence, level)
                 )
         return found
 

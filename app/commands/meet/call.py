@@ -96,8 +96,10 @@ class CallOptions(LiveDriveOptions):
                 typed = None if settings.window else tape
                 print(f"{self.opening(invite)}; {keys.keys(typed)}", flush=True)
                 keys.listen(link, typed, run.source.stop, tell, self.accept)
-                summary = drive(with_call(parts, link))
-                tape.close()
+                try:
+                    summary = drive(with_call(parts, link))
+                finally:
+                    tape.close()
         finally:
             link.close()
         values = run.report(parts, summary) | {"call": link.report}

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from app.eval.speech.following import Followed
     from encoder.evaluation.articulation import Tokens
 
-CONTRAST, SEEN, FALSE, TWICE = 0.8, 0.6, 0.03, 2.0  # thresholds of the issue
+CONTRAST, SEEN, FALSE, TWICE = 0.8, 0.6, 0.03, 2.0  # two at least, two at most
 ROW = "articulation"
 
 

@@ -70,7 +70,7 @@ def mel_features(audio: np.ndarray) -> np.ndarray:
 
 
 def source(clips: Sequence[Clip]) -> JawData:
-    """Cut clips into pieces of 90 frames; the jaw of a lookahead is the jaw so much earlier."""
+    """Cut clips into pieces of CLIP_FRAMES; the jaw of a lookahead is the jaw so much earlier."""
     features, jaws = [], []
     for clip in clips:
         for start in range(0, clip.num_frames - CLIP_FRAMES + 1, CLIP_FRAMES):

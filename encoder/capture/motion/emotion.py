@@ -1,4 +1,4 @@
-"""Emotions as layers over the motion of speech; see emotions.py for their action units.
+"""Emotions as layers over the motion of speech; see encoder/emotion/labels.py.
 
 Layers are added before the contacts of the lips are solved, so none reopens a closure.
 """

@@ -50,7 +50,7 @@ SHAPES: dict[str, dict[str, float]] = {
 # the jaw follows syllables.
 INSIST = {"funnel": 2.5, "pucker": 2.5, "tip": 2.0, "back": 2.0, "out": 2.0}
 REACH = {"jaw": 0.7, "funnel": 1.3, "pucker": 1.3, "tip": 0.7, "back": 0.8, "out": 0.6}
-# A full gesture in rig units: {channel: weight}; jaw and contacts are made in motion.py.
+# A full gesture in rig units: {channel: weight}; rules.py makes the jaw, closures.py contacts.
 GESTURE_RIG: dict[str, dict[str, float]] = {
     "funnel": {"mouthFunnel": 0.42},
     "pucker": {"mouthPucker": 0.55, "mouthFunnel": 0.08},

@@ -1,6 +1,6 @@
-"""Read motion of one's own: Live Link Face CSV takes (iPhone, ARKit's 52 names), and FACEGOOD rigs.
+"""Read motion of one's own: Live Link Face CSV takes (iPhone, ARKit's 52 names).
 
-Importers of the capture and of `livedrive session create --livelink`. Bad takes end in one line.
+An importer of the capture and of `livedrive session create --livelink`. Bad takes end in one line.
 """
 
 import csv

@@ -8,7 +8,6 @@ as well: its card names the old one as `features_of`.
 
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -20,6 +19,7 @@ from encoder.eyes.network import EyeNet
 from encoder.nn import checkpoint
 from encoder.training import loop
 from encoder.training.checkpoints import load_eye_net
+from encoder.training.presets import Presets
 from encoder.training.stages.eyes import OPEN_ENOUGH
 from encoder.training.streams.wide_eyes import BatchCounts, WideBatch, WidePictures, draw
 
@@ -41,16 +41,14 @@ class WideEyesConfig:
     counts: BatchCounts = field(default_factory=BatchCounts)
 
 
-SETTINGS: dict[str, dict[str, Any]] = {
-    "debug": {"steps": 2, "counts": BatchCounts(4, 4, 2, 2)},
-    "default": {},
-    "paper": {"steps": 50_000},
-}
-
-
-def preset(name: str, **settings: Any) -> WideEyesConfig:
-    """`settings` win over the preset."""
-    return WideEyesConfig(**{**SETTINGS[name], **settings})
+preset = Presets(
+    WideEyesConfig,
+    {
+        "debug": {"steps": 2, "counts": BatchCounts(4, 4, 2, 2)},
+        "default": {},
+        "paper": {"steps": 50_000},
+    },
+)
 
 
 def losses(net: EyeNet, data: WidePictures, batch: WideBatch) -> dict[str, Tensor]:

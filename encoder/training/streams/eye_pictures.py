@@ -1,6 +1,6 @@
 """Training pictures of eyes with their truth, and random distortions of them.
 
-Files hold small left-like pictures (`eye_format.pixels`), so that a hundred thousand fit in
+Files hold small left-like pictures (`format.pixels`), so that a hundred thousand fit in
 memory. The truth is rule-made: the capture stage drew these pictures from it.
 """
 
@@ -185,7 +185,7 @@ def augmented(pictures: np.ndarray, times: int = 1) -> tuple[Tensor, Tensor]:
 
 
 def standard(x: Tensor) -> Tensor:
-    """`eye_format.normalised`, in torch: [B, n, n] -> [B, 1, n, n]."""
+    """`format.normalised`, in torch: [B, n, n] -> [B, 1, n, n]."""
     step = x.shape[-1] // 25
     some = x[:, ::step, ::step].flatten(1).sort(1).values
     bright, usual = some[:, int(BRIGHT * (some.shape[1] - 1))], some[:, some.shape[1] // 2]

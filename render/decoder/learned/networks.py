@@ -8,7 +8,6 @@ The decoder also runs without torch: see `render/decoder/learned/light.py`.
 
 import itertools
 
-import torch
 from torch import Tensor, nn
 from torch.nn import functional as F
 
@@ -94,7 +93,3 @@ class LightDecoder(nn.Module):
 def divergence(mean: Tensor, log_variance: Tensor) -> Tensor:
     """KL(N(mean, variance) || N(0, 1)), mean of the batch, sum of the dimensions."""
     return 0.5 * (mean**2 + log_variance.exp() - log_variance - 1).sum(-1).mean()
-
-
-def set_seed(seed: int) -> None:
-    torch.manual_seed(seed)

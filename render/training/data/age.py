@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.training.data.face_data import SKIN_VERTICES
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.types import Floats, Ints
 
 Triple = tuple[float, float, float]

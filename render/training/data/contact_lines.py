@@ -3,7 +3,8 @@
 import numpy as np
 
 from render.decoder.lines import Line
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.decoder.mesh_parts import SKIN_VERTICES
+from render.training.data.face_data import FaceData
 from render.types import Floats
 
 MOUTH_MM, MOUTH_COLUMNS, MOUTH_FALLOFF_MM = 21.0, 43, 5.0

@@ -12,12 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.decoder import posing
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.decoder.posing import straightened
 from render.training.data import crowns, rounding, sex
 from sensors.types import InputError
 
 MM_PER_UNIT = 10.0
-SKIN_VERTICES = 11248  # the first vertices of the mesh are skin, the rest are parts
 # How far a lower lip rolls in, of what the face data has: all of it hides thin lips, as in f and v.
 ROLLED = 0.65
 EYE_PICTURE_DEG = 80.0  # from the pupil to the middle of an edge of an eye's picture

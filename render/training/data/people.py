@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data import expressions
-from render.training.data.face_data import SKIN_VERTICES, FaceData, geometry
+from render.training.data.face_data import FaceData, geometry
 from render.types import Floats, Ints
 
 EYES = ("blue", "green", "grey", "brownlight", "brown")

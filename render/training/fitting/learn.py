@@ -19,8 +19,8 @@ from render.avatars.maker import GEOMETRY_UNIT_MM, identity_maps, vertex_albedo
 from render.decoder.coding import Coding
 from render.decoder.learned import networks
 from render.decoder.learned.atlas import Atlas, picture
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data import people
-from render.training.data.face_data import SKIN_VERTICES
 from render.training.fitting.resume import write
 from render.training.fitting.truth import Truth
 from render.training.fitting.wardrobe import Wardrobe
@@ -111,7 +111,7 @@ def run(
     ).coalesce()
     read, weight = read.to(device), torch.from_numpy(weights).to(device)
     data, held_out = data.to(device), held_out.to(device)
-    networks.set_seed(seed)
+    torch.manual_seed(seed)
     free_dim = networks.CODE_DIM - NUM_RIG
     made = DecoderNetworks(
         networks.IdentityEncoder(), networks.ExpressionEncoder(free_dim), networks.LightDecoder()

@@ -10,10 +10,11 @@ from scipy.sparse import csr_array
 from render.decoder import mesh_parts, surface
 from render.decoder.learned.atlas import HEIGHT, WIDTH
 from render.decoder.lines import Lips
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.decoder.posing import Posing, look_columns, sphere_centre
 from render.teeth_light import scattered
 from render.training.data import contact_lines
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.training.data.face_data import FaceData
 from render.training.look import mouth
 from render.types import Floats
 

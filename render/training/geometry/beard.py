@@ -15,7 +15,7 @@ from render.avatars.maker import Maker
 from render.decoder import beard as beards
 from render.decoder import mesh_parts
 from render.decoder.beard import Beard
-from render.training.data.face_data import SKIN_VERTICES
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.geometry.assembly import Assembly
 from render.types import Floats
 

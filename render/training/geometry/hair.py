@@ -12,9 +12,10 @@ from scipy.spatial import KDTree
 
 from render.avatars import hairline
 from render.avatars.textures import sample
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.gl.occlusion import Occlusion
 from render.strands import Hair, away, axes, joined
-from render.training.data.face_data import MM_PER_UNIT, SKIN_VERTICES
+from render.training.data.face_data import MM_PER_UNIT
 from render.training.geometry import rooted
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.curls import curls

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.strands import Hair
-from render.training.data.face_data import SKIN_VERTICES
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.trace import CROWN_MM, strand_quats
 from render.types import Floats

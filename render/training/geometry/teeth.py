@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.decoder.mesh_parts import SKIN_VERTICES
+from render.training.data.face_data import FaceData
 from render.types import Floats
 
 TEXELS = 12

@@ -7,7 +7,8 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from render.decoder.beard import Beard, attached, frames, joined
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.decoder.mesh_parts import SKIN_VERTICES
+from render.training.data.face_data import FaceData
 from render.types import Floats
 
 LEFT, RIGHT = slice(22, 27), slice(17, 22)  # landmarks of both brows

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data.crowns import ARCH_MM, single
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.training.data.face_data import FaceData
 from render.types import Floats, Ints
 
 CROWN, NECK = (0.75, 0.69, 0.585), (0.62, 0.53, 0.40)  # linear: cool edge, warm at the gum

@@ -11,8 +11,9 @@ from scipy.interpolate import LinearNDInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
+from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data import contact_lines
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.training.data.face_data import FaceData
 from render.types import Floats
 
 SIZE = 1024

@@ -6,7 +6,8 @@ import numpy as np
 from scipy.ndimage import map_coordinates
 from scipy.spatial import KDTree
 
-from render.training.data.face_data import SKIN_VERTICES, FaceData
+from render.decoder.mesh_parts import SKIN_VERTICES
+from render.training.data.face_data import FaceData
 from render.training.look.places import Places, soft
 from render.types import Floats
 

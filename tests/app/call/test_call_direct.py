@@ -7,6 +7,7 @@ import time
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import aiohttp
 import pytest
@@ -16,7 +17,7 @@ from app.call.media.connection import bind_only
 from app.call.rooms import direct
 from app.call.rooms.direct import PATH, STRANGERS, DirectGuest, DirectHost
 from app.call.rooms.listen import host_direct
-from app.call.rooms.room import ANSWER, OFFER, RETRY_S, LineSettings
+from app.call.rooms.room import ANSWER, OFFER, RETRY_S, Events, LineSettings
 from app.call.trial.judge import lips_error_mm
 from app.call.trial.material import synthetic_material
 from app.call.trial.relay import LINES
@@ -198,6 +199,49 @@ def test_who_was_left_by_the_host_dials_no_more() -> None:
             await asyncio.sleep(2 * RETRY_S)
             assert not task.done() and not any("dialling" in line for line in ben.told)
 
+    asyncio.run(scene())
+
+
+def test_a_line_that_is_lost_twice_in_a_row_is_dialled_again(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Red before: lost again before a word had come, it ended the call: "expected somebody at"."""
+
+    class Socket:
+        closed, close_code = False, None
+
+        def __init__(self, *messages: bytes) -> None:
+            self._messages = [SimpleNamespace(data=data) for data in messages]
+
+        async def __aenter__(self) -> "Socket":
+            return self
+
+        async def __aexit__(self, *_: object) -> None: ...
+        async def __aiter__(self) -> AsyncIterator[SimpleNamespace]:
+            for message in self._messages:
+                yield message
+
+        async def close(self) -> None: ...
+
+    sockets = [Socket(b"hello"), Socket()]
+
+    def dial(*_: object, **__: object) -> Socket:
+        if not sockets:
+            raise aiohttp.ClientConnectionError("nobody")
+        return sockets.pop(0)
+
+    async def scene() -> None:
+        told = list[str]()
+        events = Events(**dict.fromkeys(Events.__dataclass_fields__, lambda *_: None))
+        events = replace(events, open=lambda data: ("ann", data), tell=told.append)
+        invite = Invite("direct", "127.0.0.1", 9, bytes(16), bytes(32), "")
+        task = asyncio.create_task(DirectGuest(invite, events, LineSettings()).run())
+        await asyncio.wait([task], timeout=0.5)
+        assert not task.done() and not sockets and len(told) == 2
+        task.cancel()
+
+    monkeypatch.setattr(aiohttp.ClientSession, "ws_connect", dial)
+    monkeypatch.setattr(direct, "RETRY_S", 0.01)
     asyncio.run(scene())
 
 

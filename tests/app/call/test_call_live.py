@@ -1,29 +1,44 @@
-"""What stands between the loop and the call: echo canceller, tape with consent, the wire."""
+"""What stands between the loop and the call: echo canceller, tape with consent, the wire; and the
+call's process, whose loudspeaker has a thread of its own."""
 
+import asyncio
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from subprocess import TimeoutExpired
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from app.call.core.call import Call, new_identity
 from app.call.live import protocol
 from app.call.live.echo import BLOCK, EchoCanceller
 from app.call.live.gate import Gate
 from app.call.live.link import CallLink, CallSink
 from app.call.live.protocol import CallSettings
+from app.call.live.service import Service
 from app.call.live.tape import CallTape
+from app.call.rooms.room import BYE, HELLO, Events, LineSettings
 from app.call.table.seats import Seats
+from app.call.trial.material import synthetic_material
+from app.call.wire.agreement import Hello
+from app.call.wire.invite import Invite
 from app.call.wire.packet import Tick
 from app.commands.meet.keys import keys, obey
 from app.compose.settings import SoundSettings
 from app.drive.controls import Controls
 from app.drive.sink import FrameResult
-from app.process.channel import Channel
+from app.process.channel import Channel, pair
 from encoder.types import DrivenFrame
 from render.types import AHEAD
-from sensors.types import AudioPacket, EyePacket, Packet, SourceInfo
+from sensors.clock import MonotonicClock
+from sensors.types import AudioPacket, Clock, EyePacket, Packet, SourceInfo
+
+INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
+Pull = Callable[[int, int], object]
 
 
 def test_the_loudspeaker_is_taken_out_of_the_microphone() -> None:
@@ -254,3 +269,51 @@ def test_an_end_without_a_window_records_at_a_word(tmp_path: Path) -> None:
     assert "s records" in obey(link, tape, "s")  # type: ignore[arg-type]
     tape.append(packet)
     assert link.changes == [{"records": True}, {"records": False}]
+
+
+def test_nobody_leaves_while_the_loudspeaker_reads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: their decoder was freed in the midst of it; or the loudspeaker's thread ended
+    because the partners had changed while it went through them."""
+    basis, ben = synthetic_material(3, 0).basis, new_identity()
+    hello = Hello(identity=ben, name="Ben", basis=basis.number)
+    pulls, reads, left = list[Pull](), threading.Event(), list[bool]()
+
+    class Room:
+        """Ben comes, and leaves while he is heard."""
+
+        def __init__(self, _: Invite, events: Events, __: LineSettings) -> None:
+            self.events = events
+
+        async def run(self) -> None:
+            self.events.message(ben, HELLO + hello.to_bytes())
+            loudspeaker = threading.Thread(target=pulls[0], args=(480, 0))
+            loudspeaker.start()
+            assert reads.wait(10)
+            self.events.message(ben, BYE)
+            loudspeaker.join()
+
+        async def close(self) -> None: ...
+        def say(self, message: bytes) -> None: ...
+
+    def speaker(_: str, __: Clock, pull: Pull) -> SimpleNamespace:
+        pulls.append(pull)
+        return SimpleNamespace(close=lambda: None)
+
+    def slow_pull(call: Call, count: int, _: int) -> np.ndarray:
+        assert ben in call.partners
+        reads.set()
+        time.sleep(0.2)
+        left.append(ben not in call.partners)
+        return np.zeros(count, np.float32)
+
+    monkeypatch.setattr("app.call.live.service.DirectGuest", Room)
+    monkeypatch.setattr("app.call.live.service.Speaker", speaker)
+    monkeypatch.setattr(Call, "pull", slow_pull)
+    ours, theirs = pair()
+    try:
+        service = Service(theirs, Seats(), basis, MonotonicClock(), 0)
+        asyncio.run(service.run(CallSettings(name="ann", avatar="ben", invite=INVITE)))
+    finally:
+        ours.close()
+        theirs.close()
+    assert left == [False]

@@ -8,6 +8,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -145,6 +146,22 @@ def test_nobody_is_let_in_without_a_loudspeaker(
     finally:
         ours.close()
         theirs.close()
+
+
+def test_a_recording_is_finished_when_the_run_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: the session stayed as it is while it is written."""
+    tape, link, parts = Mock(), Mock(), Mock()
+    monkeypatch.setattr("app.compose.call.open_call", lambda _: link)
+    monkeypatch.setattr("app.compose.call.with_call", lambda *_: parts)
+    monkeypatch.setattr("app.compose.live_run.LiveRun", Mock())
+    monkeypatch.setattr("app.call.live.tape.CallTape", lambda *_: tape)
+    monkeypatch.setattr("app.drive.loop.drive", Mock(side_effect=OSError(28, "disk full")))
+    monkeypatch.setattr(Join, "live_drive_settings", Mock())
+    monkeypatch.setattr(Join, "live_settings", Mock())
+    with pytest.raises(OSError, match="disk full"):
+        Join(invite=INVITE, name="ann").run()
+    tape.close.assert_called_once()
+    link.close.assert_called_once()
 
 
 @pytest.mark.parametrize("kind", ["direct", "room"])

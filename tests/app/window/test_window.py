@@ -203,7 +203,7 @@ def test_a_crashed_window_ends_nothing(hand: Hand, capsys: pytest.CaptureFixture
     hand.sink._process.wait()  # noqa: SLF001
     hand.tick(100)
     assert not hand.sink.read().closed and not hand.sink.read().closed
-    assert capsys.readouterr().out.count("crashed") == 1
+    assert capsys.readouterr().err.count("crashed") == 1  # red before: in what a script reads
 
 
 def test_closing_the_window_ends_the_run(hand: Hand) -> None:

@@ -215,6 +215,16 @@ def test_the_slow_part_of_a_turn_is_no_work_for_the_eyes(frames: list[SensorFram
     assert rotation.angle_between(UNIT, fast) < radians(0.2)
 
 
+def test_eyes_stay_where_a_bowed_head_is_recentred(frames: list[SensorFrame]) -> None:
+    """Red before: they glanced aside by up to 12 degrees for a second."""
+    bowed = HeadPose(quat=rotation.from_angles((radians(20), radians(12), radians(-4))))
+    state = tracking.TrackState()
+    for frame in tracked(frames[:200], bowed):
+        _, _, state = tracking.step(frame, REST, state)
+    _, fast, _ = tracking.step(frame, REST, tracking.recentred(state))
+    assert rotation.angle_between(UNIT, fast) < radians(0.2)
+
+
 def test_both_eyes_do_the_same_and_brows_what_they_like() -> None:
     uneven = np.random.default_rng(0).random(len(FACE)).astype(np.float32)
     at = NAMES.index

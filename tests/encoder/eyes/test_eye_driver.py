@@ -209,10 +209,11 @@ def test_auto_sees_only_with_weights_that_belong_together(tmp_path: Path) -> Non
     assert not eyes_fit(tmp_path)
     card("eyes", sha256="e")
     card("student", sha256="s")
-    card("student_eyes", eyes_sha256="e", audio_model={"sha256": "s"})
+    card("student_eyes", sha256="v", eyes_sha256="e", audio_model={"sha256": "s"})
     assert eyes_fit(tmp_path)
     card("student", sha256="trained anew")
     assert not eyes_fit(tmp_path)
-    (tmp_path / "student.json").write_text("{")  # red before: a traceback
-    with pytest.raises(InputError, match="restore"):
-        eyes_fit(tmp_path)
+    for damaged in ("{", "{}", "[]"):  # red before: a traceback
+        (tmp_path / "student.json").write_text(damaged)
+        with pytest.raises(InputError, match="restore"):
+            eyes_fit(tmp_path)

@@ -74,7 +74,7 @@ def test_the_tongue_and_the_free_part_leave_the_rig_alone(decoder):
 
 
 def test_the_light_decoder_is_the_same_in_numpy_and_torch():
-    networks.set_seed(4)
+    torch.manual_seed(4)
     network = networks.LightDecoder()
     with torch.no_grad():
         for value in network.parameters():

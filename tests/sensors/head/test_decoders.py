@@ -98,6 +98,13 @@ def test_a_take_is_read(tmp_path: Path) -> None:
     assert livelink.angles(last.pose) == pytest.approx((0, 0.2, 0), abs=1e-9)
 
 
+def test_a_take_over_midnight_goes_on(tmp_path: Path) -> None:
+    """Red before: what came after midnight was left out, without a word."""
+    rows = ("23:59:59:15.0,61,0.1,0,0", "23:59:59:29.0,61,0.1,0,0", "00:00:00:15.0,61,0,0.2,0")
+    *_, last = livelink.read_csv(take(tmp_path, *rows))
+    assert last.t_ns == 1_000_000_000
+
+
 @pytest.mark.parametrize("row", ["x,61,0,0,0", "10:00:00:00.0,61,0", "10:00:00:00.0,61,a,b,c"])
 def test_a_damaged_take_is_said_in_a_line(tmp_path: Path, row: str) -> None:
     with pytest.raises(InputError, match="line 2"):
