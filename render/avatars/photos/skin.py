@@ -205,7 +205,9 @@ def hair(color: Doubles, tone: Doubles, edge: Doubles) -> Doubles:  # [T, 3], [3
     """What is unlike the skin's tone at the face's edge, and what of it reaches in from there."""
     off = np.abs(np.log((color + light.DARK) / (tone + light.DARK))).max(1)
     unlike = 1 - 1 / (1 + (off / light.HUES) ** 4)
-    spots, _ = label((unlike > 0.5).reshape(scan_texture.SIZE, -1))
+    dark = (unlike > 0.5).reshape(scan_texture.SIZE, -1)
+    spots = np.empty(dark.shape, np.int32)
+    label(dark, output=spots)
     spots = spots.ravel()
     reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
     near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()

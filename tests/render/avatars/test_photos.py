@@ -10,7 +10,17 @@ from render import cameras
 from render.avatars import registration, scan_texture
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import detector, fit, picture, places, point_shapes, shapes, skin, whites
+from render.avatars.photos import (
+    detector,
+    fit,
+    irises,
+    picture,
+    places,
+    point_shapes,
+    shapes,
+    skin,
+    whites,
+)
 from render.lighting import developed
 from render.types import AHEAD, Doubles
 
@@ -134,6 +144,29 @@ def test_a_place_that_is_hardly_seen_has_the_colour_seen_there() -> None:
     merged = skin.merge([light, dark], weights)
     np.testing.assert_allclose(merged[:2], 0.6, atol=0.001)
     np.testing.assert_array_equal(merged[2], 0)
+
+
+def test_large_irises_tell_of_a_small_face(maker: Maker) -> None:
+    """The size changes by a share of what they tell; what the photographs show stays."""
+    points = places.load().of(maker.template.astype(np.float64))
+    camera = fit.PhotoCamera(
+        np.diag([1.0, -1.0, -1.0]), np.array([0, 0, 600.0]), 1200.0, np.zeros(1)
+    )
+    size, seen = (1000, 1000), np.zeros((detector.POINTS, 2))
+    seen[: detector.ON_SKIN] = camera.project(points, size)
+    for iris, outline in (
+        (detector.LEFT_IRIS, detector.LEFT_EYE),
+        (detector.RIGHT_IRIS, detector.RIGHT_EYE),
+    ):
+        away = camera.view(points[[outline[0], outline[8]]])[:, 2].mean()
+        px = 1.1 * irises.IRIS_MM / 2 * camera.focal_px / away
+        seen[iris + 1 : iris + 5] = px * np.array([[1, 0], [0, 1], [-1, 0], [0, -1]])
+    photo = picture.Photo("", np.zeros((*size, 3), np.uint8), None, seen)
+    found = irises.sized(fit.FaceFit(points, [camera], 1.0), [photo])
+    np.testing.assert_allclose(found.points, points * 1.1**-irises.SHARE)
+    np.testing.assert_allclose(
+        found.shots[0].project(found.points, size), seen[: detector.ON_SKIN], atol=1e-6
+    )
 
 
 def test_hair_that_hangs_into_the_face_is_no_skin_but_brows_are() -> None:
