@@ -45,7 +45,7 @@ def evaluate(settings: PhotosSettings) -> None:
 
     from app.terminal.thresholds import at_least, at_most, finish
     from render.avatars.maker import Maker
-    from render.avatars.photos import fit, person, places, point_shapes, shapes
+    from render.avatars.photos import person, places, point_shapes, shapes
     from render.avatars.photos.detector import FaceDetector
     from render.evaluation import photographed
     from render.gl.contexts import create_context
@@ -57,8 +57,7 @@ def evaluate(settings: PhotosSettings) -> None:
     known, people = shapes.build(maker, table), point_shapes.load()
 
     def made_of(photos: list["Photo"]) -> "Floats":  # -> [V, 3]
-        views = [photo.view for photo in photos]
-        return known.through(fit.fit(maker, table, people, views).points).astype(np.float32)
+        return known.through(person.fitted(maker, table, people, photos).points).astype(np.float32)
 
     errors = {count: list["Floats"]() for count in COUNTS}
     sized = {count: list[float]() for count in COUNTS}

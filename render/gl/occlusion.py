@@ -3,7 +3,10 @@
 The slow truth (about a second a face); the decoder learns to predict its change.
 """
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,32 +75,49 @@ class Occlusion:
         offset_mm: float = OFFSET_MM,
         columns: int = 4,
     ) -> Floats:  # [V, columns] shares that are seen, 0..1: sky, key light, rims left and right
-        self._context.activate()
-        gl = self._gl
         solid, faces = vertices, self._faces
         if cover is not None:
             solid = np.concatenate([vertices, cover.reshape(-1, 3)])
             extra = np.arange(len(vertices), len(solid), dtype=np.int32).reshape(-1, 3)
             faces = np.concatenate([faces, extra])
-        buffer = gl.buffer(np.ascontiguousarray(solid, np.float32).tobytes())
-        index = gl.buffer(np.ascontiguousarray(faces, np.int32).tobytes())
-        array = gl.vertex_array(self._program, [(buffer, "3f", "position")], index)
         start, normals = (vertices, normals) if points is None else points
         ends = (start + offset_mm * normals).astype(np.float32)
+        out = np.empty((len(start), columns), np.float32)
+        with self._uploaded(solid, faces) as array:
+            for column, group in enumerate(self._groups[:columns]):
+                seen = weight = np.zeros(len(start), np.float32)
+                for direction in group.astype(np.float32):
+                    facing = np.maximum(normals @ direction, 0) if column == 0 else np.float32(1)
+                    weight = weight + facing
+                    seen = seen + facing * self._visible(array, direction, ends)
+                out[:, column] = seen / np.maximum(weight, 1e-6)
+        return out
+
+    def from_sides(
+        self, vertices: Floats, normals: Floats, directions: NDArray[np.floating]
+    ) -> Floats:  # [V, 3] mm, [V, 3] unit, [D, 3] unit -> [V, D] 0..1
+        """Whether vertices are seen from each of these directions."""
+        ends = (vertices + OFFSET_MM * normals).astype(np.float32)
+        with self._uploaded(vertices, self._faces) as array:
+            sides = [self._visible(array, side, ends) for side in directions.astype(np.float32)]
+        return np.stack(sides, 1)
+
+    @contextmanager
+    def _uploaded(self, vertices: Floats, faces: NDArray[np.int32]) -> Generator[Any]:
+        """A mesh that `_visible` draws."""
+        self._context.activate()
+        gl = self._gl
+        buffer = gl.buffer(np.ascontiguousarray(vertices, np.float32).tobytes())
+        index = gl.buffer(np.ascontiguousarray(faces, np.int32).tobytes())
+        array = gl.vertex_array(self._program, [(buffer, "3f", "position")], index)
         gl.enable_only(gl.DEPTH_TEST)  # others leave blending on
         self._target.use()
-        out = np.empty((len(start), columns), np.float32)
-        for column, group in enumerate(self._groups[:columns]):
-            seen = weight = np.zeros(len(start), np.float32)
-            for direction in group.astype(np.float32):
-                facing = np.maximum(normals @ direction, 0) if column == 0 else np.float32(1)
-                weight = weight + facing
-                seen = seen + facing * self._visible(array, direction, ends)
-            out[:, column] = seen / np.maximum(weight, 1e-6)
-        gl.disable(gl.DEPTH_TEST)
-        for thing in (array, buffer, index):
-            thing.release()
-        return out
+        try:
+            yield array
+        finally:
+            gl.disable(gl.DEPTH_TEST)
+            for thing in (array, buffer, index):
+                thing.release()
 
     def _visible(self, array, direction, ends: Floats) -> Floats:  # type: ignore[no-untyped-def]
         """[n] 0..1: how many of the four pixels around a place lie behind it."""

@@ -10,12 +10,14 @@ from render.avatars.scan_texture import SIZE
 from render.decoder import identity
 from render.types import Doubles, Floats
 
-EXPOSURE = 0.55  # linear light on a white face in a photograph as people take them
+EXPOSURE = 0.62  # linear light on a white face in a photograph as people take them
 KNOWN = 0.25  # weight at which a place is known
 MIRROR_MM = 4.0
 PLAIN = "hugo"  # who has no hair on the scalp; his is a beard
-# The scalp, from not at all to fully: above brows; behind, and not below.
-ABOVE_MM, BEHIND_MM, NAPE_MM = (4.0, 34.0), (35.0, 15.0), (-40.0, -20.0)
+# Where hair may grow, from not at all to fully: from above the brows; at temples, beside the brows
+# and above cheeks; behind, and not below.
+ABOVE_MM, BESIDE_MM, CHEEKS_MM = (-16.0, 2.0), (-2.0, 5.0), (5.0, 20.0)
+BEHIND_MM, NAPE_MM = (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
@@ -30,10 +32,11 @@ def typical(maker: Maker) -> Doubles:  # [T, 3]
     bright = np.argsort(ratios.sum(2), axis=0)[int(BRIGHT * (len(found) - 1))]
     ratio = ratios[bright, np.arange(ratios.shape[1])]
     bald = ratios[identity.shipped().index(PLAIN)]
-    brows = float(maker.template[maker.regions["brows"], 1].max())
-    _, up, ahead = anchors(maker).T
+    wide, high = np.abs(maker.template[maker.regions["brows"], :2]).max(0)
+    aside, up, ahead = anchors(maker).T
+    temples = ramp(np.abs(aside) - wide, *BESIDE_MM) * ramp(up, *CHEEKS_MM)
     behind = ramp(ahead, *BEHIND_MM) * ramp(up, *NAPE_MM)
-    scalp = np.maximum(ramp(up - brows, *ABOVE_MM), behind)[:, None]
+    scalp = np.maximum(np.maximum(ramp(up - high, *ABOVE_MM), temples), behind)[:, None]
     ratio = scalp * bald + (1 - scalp) * ratio
     return scan_texture.over_atlas(maker, ratio.astype(np.float32)).astype(np.float64)
 

@@ -3,8 +3,11 @@
 from dataclasses import dataclass
 
 from render.avatars.maker import Maker
-from render.avatars.photos import fit, places, point_shapes, shapes, skin
+from render.avatars.photos import fit, irises, places, point_shapes, shapes, skin
+from render.avatars.photos.fit import FaceFit
 from render.avatars.photos.picture import Photo
+from render.avatars.photos.places import PointPlaces
+from render.avatars.photos.point_shapes import PointShapes
 from render.avatars.registration import Progress
 from render.types import Floats
 from sensors.types import InputError
@@ -24,7 +27,7 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
     table = places.load()
     known = shapes.build(maker, table)
     progress("shape", 0.2)
-    found = fit.fit(maker, table, point_shapes.load(), [photo.view for photo in photos])
+    found = fitted(maker, table, point_shapes.load(), photos)
     if not found.left_mm < MOST_LEFT_MM:
         raise InputError(
             f"--photos: expected photographs of one face, got points {found.left_mm:.1f} mm away "
@@ -35,3 +38,8 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
     painted = skin.paint(maker, table, photos, found, geometry)
     progress("skin", 1.0)
     return PhotographedHead(geometry, painted, found.left_mm)
+
+
+def fitted(maker: Maker, table: PointPlaces, people: PointShapes, photos: list[Photo]) -> FaceFit:
+    """The face's points, poses and lenses, in the size that the irises tell."""
+    return irises.sized(fit.fit(maker, table, people, [photo.view for photo in photos]), photos)

@@ -1,9 +1,9 @@
 """The skin atlas of a person from photographs.
 
 Each photograph is projected onto the posed head where it is seen, not at a slant. The light is
-taken off: its colour by the whites of the eyes, how it falls by second-order spherical harmonics
-of the normals (Ramamoorthi and Hanrahan 2001). What several show is averaged, what none shows
-comes from the other side of the face, and what is left from how skins vary over heads.
+taken off: its colour by the whites of the eyes, how it falls by lamps and shadows (`light.py`).
+What several show is averaged, what none shows comes from the other side of the face, and what is
+left from how skins vary over heads.
 """
 
 from dataclasses import dataclass
@@ -12,11 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 from scipy.interpolate import RBFInterpolator
-from scipy.ndimage import distance_transform_edt, map_coordinates, minimum_filter
+from scipy.ndimage import (
+    distance_transform_edt,
+    label,
+    map_coordinates,
+    maximum_filter,
+    minimum_filter,
+)
 
-from render.avatars import scan_texture
+from render.avatars import scan_texture, textures
+from render.avatars.detail import ATLAS
 from render.avatars.maker import Maker
-from render.avatars.photos import complete, whites
+from render.avatars.photos import complete, light, whites
 from render.avatars.photos.detector import LEFT_EYE, MOUTH, ON_SKIN, OVAL, RIGHT_EYE
 from render.avatars.photos.fit import FaceFit, PhotoCamera
 from render.avatars.photos.picture import Photo
@@ -31,11 +38,11 @@ SLANT = (0.15, 0.5)  # cosines to the viewer: from not at all to fully
 SHARPEST = 8.0  # power of the weights: who sees best decides
 OPENING_PX = 2.0  # around eyes and mouth, what is in them
 FEATHER = 0.05  # share of the face's width over which it fades towards its outline, beside hair
+HAIR_TEXELS = 5  # width of a strand's surroundings that it blurs
 MOST_BEND = 0.06  # of the face's width
 FACING = 0.3  # least cosine to the viewer of a point that bends a photograph
-DARK_LIGHT, BRIGHT_LIGHT = 0.35, 2.2  # limits of light on a place, of the mean
+DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
-HUES = 0.35  # deviation of the logarithm from the skin's tone at which a place counts half
 
 
 @dataclass(frozen=True)
@@ -43,7 +50,6 @@ class Projection:
     """One photograph on the atlas."""
 
     color: Doubles  # [T, 3] linear, lit
-    normals: Doubles  # [T, 3] in the photograph's own space
     weight: Doubles  # [T] 0..1 how well it is seen
 
 
@@ -57,16 +63,44 @@ def paint(
         vertices = maker.posing.pose(shot.expression.astype(np.float32), AHEAD, posed)
         columns += [vertices, maker.normals(vertices)]
     values = scan_texture.places(maker, np.concatenate(columns, 1)).astype(np.float64)
-    at, seen = values[:, :3], list[Projection]()
+    at, seen, lamps = values[:, :3], list[Projection](), list[Floats]()
     for k, (photo, shot) in enumerate(zip(photos, found.shots, strict=True)):
         where, facing = values[:, 3 + 6 * k : 6 + 6 * k], values[:, 6 + 6 * k : 9 + 6 * k]
         points, turned = (places.of(c.astype(np.float64)) for c in columns[1 + 2 * k : 3 + 2 * k])
         seen.append(project(photo, shot, (points, turned), (where, facing)))
+        lamps.append(light.lamps(maker, columns[1 + 2 * k]))
     tone = np.median(np.concatenate([_middle(p) for p in seen]), 0)
-    lit, edge = [unlit(one, tone) for one in seen], _edge(maker, at)
-    clean = [w.weight * (1 - edge * _unlike(c, tone)) for w, c in zip(seen, lit, strict=True)]
+    typical, edge = complete.typical(maker), _edge(maker, at)
+    lit = [
+        light.evened(color, one.weight, typical * tone)
+        for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True)
+    ]
+    clean = [w.weight * (1 - hair(c, tone, edge)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
-    return complete.complete(merge(lit, clean), total, at, complete.typical(maker) * tone)
+    return complete.complete(merge(lit, clean), total, at, typical * tone)
+
+
+def unlit(
+    maker: Maker, seen: list[Projection], lamps: list[Floats], typical: Doubles, tone: Doubles
+) -> list[Doubles]:  # K of [T, 3] linear
+    """The colours of K photographs in the light that all of them have on skin of this tone."""
+    own = _at_gaussians(maker, typical)
+    found = list[Doubles]()
+    for one, shining in zip(seen, lamps, strict=True):
+        weight = _at_gaussians(maker, one.weight[:, None])[:, 0] * maker.face
+        found.append(light.cast(shining, _at_gaussians(maker, one.color), weight, own))
+    gains = scan_texture.over_atlas(maker, np.concatenate(found, 1).astype(np.float32))
+    each = np.split(gains.astype(np.float64), len(seen), axis=1)
+    return [
+        one.color / (gain / tone).clip(DARK_LIGHT, BRIGHT_LIGHT)
+        for one, gain in zip(seen, each, strict=True)
+    ]
+
+
+def _at_gaussians(maker: Maker, values: Doubles) -> Doubles:  # [T, C] -> [N, C]
+    """What texels have, at the Gaussians; of skin alone."""
+    picture = values.reshape(scan_texture.SIZE, 2 * scan_texture.SIZE, -1).astype(np.float32)
+    return textures.sample(picture, maker.anchor_uv * ATLAS).astype(np.float64)
 
 
 def merge(colors: list[Doubles], weights: list[Doubles]) -> Doubles:  # K of [T, 3], [T] -> [T, 3]
@@ -100,7 +134,7 @@ def project(
     linear = exposed(photo.picture.astype(np.float32) / np.float32(255)) / whites.light(photo)
     at = [moved[:, 1] - 0.5, moved[:, 0] - 0.5]
     color = [map_coordinates(linear[..., c], at, order=1, mode="nearest") for c in range(3)]
-    return Projection(np.stack(color, 1).astype(np.float64), turned, weight)
+    return Projection(np.stack(color, 1).astype(np.float64), weight)
 
 
 def _towards(normals: Doubles, x: Doubles) -> Doubles:
@@ -161,44 +195,24 @@ def _mask(photo: Photo) -> Doubles:  # [H, W] 0..1
 
 def _edge(maker: Maker, at: Doubles) -> Doubles:  # [T, 3] mm -> [T] 0..1
     """Where hair may lie over the face: above the brows and at the temples."""
-    brows = maker.template[maker.regions["brows"]]
-    above = (at[:, 1] - brows[:, 1].max() - 4) / 6
-    beside = (np.abs(at[:, 0]) - np.abs(brows[:, 0]).max() - 2) / 6
+    wide, high = np.abs(maker.template[maker.regions["brows"], :2]).max(0)
+    above = (at[:, 1] - high + 10) / 8
+    beside = (np.abs(at[:, 0]) - wide + 6) / 6
     return np.clip(np.maximum(above, beside), 0, 1)
 
 
-def _unlike(color: Doubles, tone: Doubles) -> Doubles:  # [T, 3] -> [T] 0..1
-    """How far a colour is from the skin's tone."""
-    off = np.abs(np.log((color + 0.003) / (tone + 0.003))).max(1)
-    return 1 - 1 / (1 + (off / HUES) ** 4)
+def hair(color: Doubles, tone: Doubles, edge: Doubles) -> Doubles:  # [T, 3], [3], [T] -> [T] 0..1
+    """What is unlike the skin's tone at the face's edge, and what of it reaches in from there."""
+    off = np.abs(np.log((color + light.DARK) / (tone + light.DARK))).max(1)
+    unlike = 1 - 1 / (1 + (off / light.HUES) ** 4)
+    dark = (unlike > 0.5).reshape(scan_texture.SIZE, -1)
+    spots = np.empty(dark.shape, np.int32)
+    label(dark, output=spots)
+    spots = spots.ravel()
+    reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
+    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()
+    return np.maximum(edge * unlike, near)
 
 
 def _middle(one: Projection) -> Doubles:  # [n, 3]
     return one.color[one.weight > 0.7]
-
-
-def unlit(one: Projection, tone: Doubles) -> Doubles:  # [T, 3] linear
-    """Its colours in the light of all photographs' mean face."""
-    basis = harmonics(one.normals)
-    rows = np.flatnonzero(one.weight > 0.3)
-    if len(rows) < 100:
-        return one.color
-    own, color = basis[rows], np.log(one.color[rows] + 0.003)
-    weight = one.weight[rows].copy()
-    target = color.copy()
-    fits = np.zeros((9, 3))
-    for _ in range(8):
-        heavy = own * weight[:, None]
-        ridge = np.diag([0.0, *[1.0] * 3, *[4.0] * 5]) * 0.01 * weight.sum()
-        fits = np.linalg.solve(heavy.T @ own + ridge + 1e-6 * np.eye(9), heavy.T @ target)
-        off = np.abs(target - own @ fits).max(1)
-        weight = one.weight[rows] / (1 + (off / HUES) ** 2) ** 2
-    light = basis @ fits
-    gain = np.exp(light - np.log(tone + 0.003))
-    return one.color / gain.clip(DARK_LIGHT, BRIGHT_LIGHT)
-
-
-def harmonics(n: Doubles) -> Doubles:  # [T, 3] unit -> [T, 9]
-    x, y, z = n.T
-    one = np.ones_like(x)
-    return np.stack([one, x, y, z, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y], 1)

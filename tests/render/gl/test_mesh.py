@@ -111,6 +111,10 @@ def test_a_roof_takes_the_sky_and_the_key_light(egl_context):
     assert seen.shape == (len(vertices), 4)  # sky, key light, rims
     assert seen[0, 1] == 0 and seen[0, 0] < 0.5
     assert seen[3, 1] == 1 and seen[3, 0] > 0.9
+    sides = np.array([[0, 1, 0], [1, 0.01, 0], [0, 0.1, -1]])  # above, from the side, from behind
+    sides = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+    reached = Occlusion(egl_context, faces).from_sides(vertices, up, sides)
+    np.testing.assert_array_equal(reached[[0, 3]], [[0, 1, 1], [1, 1, 1]])
 
 
 def test_folds_darken_the_side_that_an_expression_folds(egl_context):

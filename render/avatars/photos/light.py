@@ -1,0 +1,84 @@
+"""The light in a photograph: soft lamps on all sides of a head that casts shadows on itself.
+
+How bright each lamp is follows from the colours of the face and from how skins typically vary over
+it, by least squares without negative lamps; places unlike skin (brows, hair) count less. What light
+and lens still leave over wide areas is taken off in part.
+"""
+
+import numpy as np
+from scipy.ndimage import gaussian_filter
+from scipy.optimize import nnls
+
+from render.avatars.maker import Maker
+from render.avatars.scan_texture import SIZE
+from render.gl.occlusion import sky_directions
+from render.types import Doubles, Floats
+
+WRAP = 0.15  # cosine by which light reaches around into the shade of skin
+SEEN = 0.3  # weight from which a place tells of the light
+MOST_PLACES = 15000  # that are asked
+ROUNDS = 6
+RIDGE = 1e-3  # of the mean square: lamps share the light where nothing tells them apart
+DIM = 0.05  # of the tone, added to what errors are relative to
+DARK = 0.003  # added to linear colours before logarithms
+HUES = 0.35  # deviation of the logarithm from skin at which a place counts half
+# What is left of the light: of its logarithm so much is taken off, over so many texels; less of it
+# where it is as large as a beard's.
+EVENED, WIDE_TEXELS, BEARDED = 0.7, 16.0, 0.5
+LEAST = 0.02  # weight of places around, from which their mean counts
+
+
+def lamps(maker: Maker, vertices: Floats) -> Floats:  # [V, 3] mm -> [N, L]
+    """What each lamp, alone and of brightness one, throws on every Gaussian; last, what reaches
+    all alike."""
+    normals, towards = maker.normals(vertices), sky_directions()
+    reach = maker.occlusion.from_sides(vertices, normals, towards)
+    reach *= np.maximum((normals @ towards.T + WRAP) / (1 + WRAP), 0)
+    head = maker.surface
+    out = head.interpolate @ reach[head.used].astype(np.float32)
+    return np.concatenate([out, np.ones((len(out), 1), np.float32)], 1)
+
+
+def cast(
+    lamps: Floats,  # [N, L]
+    color: Doubles,  # [N, 3] linear
+    weight: Doubles,  # [N] 0..1, how well it is seen
+    typical: Doubles,  # [N, 3] of skin, relative to its tone
+) -> Doubles:  # [N, 3] linear
+    """What all lamps together throw on skin of the photographed tone."""
+    rows = np.flatnonzero(weight > SEEN)
+    if len(rows) < 2 * lamps.shape[1]:
+        return np.tile(
+            np.median(color[weight > 0], 0) if weight.any() else np.ones(3), (len(lamps), 1)
+        )
+    rows = rows[:: max(1, len(rows) // MOST_PLACES)]
+    own, color, typical = lamps[rows].astype(np.float64), color[rows], typical[rows]
+    brightness, expected = np.zeros((lamps.shape[1], 3)), np.median(color, 0) * typical
+    for _ in range(ROUNDS):
+        off = np.abs(np.log((color + DARK) / (expected + DARK))).max(1)
+        trust = weight[rows] / (1 + (off / HUES) ** 2) ** 2
+        scale = np.sqrt(trust)[:, None] / (expected + DIM * np.median(color, 0))
+        for k in range(3):
+            design = own * (typical[:, k] * scale[:, k])[:, None]
+            brightness[:, k] = _solved(design, color[:, k] * scale[:, k])
+        expected = (own @ brightness) * typical
+    return lamps @ brightness
+
+
+def _solved(design: Doubles, wanted: Doubles) -> Doubles:  # [n, L], [n] -> [L] >= 0
+    square = design.T @ design
+    square += RIDGE * np.trace(square) / len(square) * np.eye(len(square))
+    root = np.linalg.cholesky(square)
+    return nnls(root.T, np.linalg.solve(root, design.T @ wanted))[0]
+
+
+def evened(color: Doubles, weight: Doubles, skin: Doubles) -> Doubles:  # [T, 3], [T], [T, 3]
+    """Colours less what they differ over wide areas from typical `skin` [T, 3], in part."""
+    off = np.log((color + DARK) / (skin + DARK))
+    trust = weight / (1 + (np.abs(off).max(1) / HUES) ** 4)
+    picture, share = off.reshape(SIZE, 2 * SIZE, 3), trust.reshape(SIZE, 2 * SIZE, 1)
+    wide = gaussian_filter(picture * share, (WIDE_TEXELS, WIDE_TEXELS, 0))
+    wide /= gaussian_filter(share, (WIDE_TEXELS, WIDE_TEXELS, 0)) + LEAST
+    left = wide.reshape(-1, 3)
+    left /= 1 + (np.abs(left).max(1, keepdims=True) / BEARDED) ** 4
+    return color * np.exp(-EVENED * left)
