@@ -9,6 +9,7 @@ import numpy as np
 from sensors import files
 
 if TYPE_CHECKING:
+    from render.avatars.photos.places import PointPlaces
     from render.training.data.face_data import FaceData
     from render.types import Doubles
 
@@ -26,11 +27,10 @@ def make(face: Path, out: Path | None) -> None:
     if out:
         files.check_folder(out, "--out", "choose another")
         out.mkdir(parents=True, exist_ok=True)
-    make_table(out)
-    make_shapes(data, out)
+    make_shapes(data, make_table(out), out)
 
 
-def make_table(out: Path | None) -> None:
+def make_table(out: Path | None) -> "PointPlaces":
     """Draw the shipped people, find them, and write the table."""
     from render.avatars.maker import Maker
     from render.avatars.photos import places
@@ -40,20 +40,22 @@ def make_table(out: Path | None) -> None:
 
     detector, renderer = FaceDetector(), create_renderer()
     path = out / places.PATH.name if out else places.PATH
-    places.save(places.make(Maker(), detector, renderer, identity.shipped()), path)
+    table = places.make(Maker(), detector, renderer, identity.shipped())
+    places.save(table, path)
     renderer.close()
     print(f"wrote {path.resolve()}")
+    return table
 
 
-def make_shapes(data: "FaceData", out: Path | None) -> None:
-    """Draw people from its shapes and write how their points differ."""
+def make_shapes(data: "FaceData", table: "PointPlaces", out: Path | None) -> None:
+    """Draw people from its shapes and write how their points in the table differ."""
     from render.avatars import registration
     from render.avatars.alignment import similarity
     from render.avatars.maker import Maker
-    from render.avatars.photos import places, point_shapes
+    from render.avatars.photos import point_shapes
     from render.training.data import people
 
-    maker, table = Maker(), places.load()
+    maker = Maker()
     seen, _ = registration.visible(maker)
     rest = maker.template.astype(np.float64)
 

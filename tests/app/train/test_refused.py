@@ -38,13 +38,25 @@ def test_landmarks_are_not_begun_where_they_cannot_be_written(
     given: dict[str, str], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(landmarks, "make_table", lambda out: None)
-    monkeypatch.setattr(landmarks, "make_shapes", lambda data, out: None)
+    monkeypatch.setattr(landmarks, "make_shapes", lambda data, table, out: None)
     if "out" in given:
         monkeypatch.setattr(face_data, "load", lambda face: None)
     (tmp_path / "file").touch()
     places = {"face": "face", "out": "out"} | given
     with pytest.raises(InputError, match=told):
         Train(stage="landmarks", **{k: tmp_path / v for k, v in places.items()}).run()
+
+
+def test_how_people_differ_is_learned_at_the_places_just_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: with --out at those of the shipped table, from which the new ones differ."""
+    taken = list[object]()
+    monkeypatch.setattr(landmarks, "make_table", lambda out: "places")
+    monkeypatch.setattr(landmarks, "make_shapes", lambda *given: taken.extend(given))
+    monkeypatch.setattr(face_data, "load", lambda face: "face")
+    landmarks.make(tmp_path, tmp_path)
+    assert taken == ["face", "places", tmp_path]
 
 
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:
