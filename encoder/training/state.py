@@ -112,8 +112,7 @@ class RunState:
         """Raises InputError where the file is damaged, or of a run with other settings."""
         with opened(path) as (file, run):
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        if (seed := run.get("seed", self.seed)) != self.seed:
-            raise _of_another(path, f"--seed {self.seed}", f"--seed {seed}")
+        check_seed(path, run, self.seed)
         known = {name: tensor.shape for name, tensor in self._tensors().items()}
         kept = {name: tensor.shape for name, tensor in tensors.items()}
         if {n: s for n, s in kept.items() if not n.startswith("optimizer/")} != known:
@@ -145,6 +144,12 @@ def opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
             f"--resume: expected the state of a run in {path}, got {error}; "
             "run the stage without --resume"
         ) from error
+
+
+def check_seed(path: Path, run: dict[str, Any], seed: int) -> None:
+    """Raises InputError unless `run`, of a state's header, had this seed."""
+    if (kept := run.get("seed", seed)) != seed:
+        raise _of_another(path, f"--seed {seed}", f"--seed {kept}")
 
 
 def _of_another(path: Path, expected: str, got: str) -> InputError:

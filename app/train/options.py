@@ -1,0 +1,30 @@
+"""Which stage of training takes which option."""
+
+from typing import get_args
+
+from app.train.settings import Baseline, Stage, TrainSettings
+from sensors.types import InputError
+
+OF_ENCODER = tuple(stage for stage in get_args(Stage) if stage not in ("prior", "landmarks"))
+# option: the stages that take it
+TAKEN_BY = {
+    "name": ("peers",),
+    "leave_out": ("diffusion", "distill", "listen", "voice-activity", "contact"),
+    "teacher": ("audio",),
+    "phones": ("listen",),
+    **dict.fromkeys(("start", "steps", "stream_minutes"), OF_ENCODER),
+}
+
+
+def check(settings: TrainSettings) -> None:
+    """Raises InputError where the stage does not take an option, or lacks one."""
+    usual = TrainSettings(stage=settings.stage)
+    for option, stages in TAKEN_BY.items():
+        if settings.stage not in stages and getattr(settings, option) != getattr(usual, option):
+            raise InputError(
+                f"--{option.replace('_', '-')}: expected one of the stages {', '.join(stages)}, "
+                f"got {settings.stage}; leave it away"
+            )
+    if settings.stage == "peers" and settings.name is None:
+        known = ", ".join(get_args(Baseline))
+        raise InputError(f"train peers: expected --name and one of {known}, got none; give one")
