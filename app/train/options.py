@@ -5,14 +5,20 @@ from typing import get_args
 from app.train.settings import Baseline, Stage, TrainSettings
 from sensors.types import InputError
 
-OF_ENCODER = tuple(stage for stage in get_args(Stage) if stage not in ("prior", "landmarks"))
+NETWORKS = tuple(stage for stage in get_args(Stage) if stage not in ("landmarks", "gaze"))
+OF_ENCODER = tuple(stage for stage in NETWORKS if stage != "prior")
 # option: the stages that take it
 TAKEN_BY = {
     "name": ("peers",),
     "leave_out": ("diffusion", "distill", "listen", "voice-activity", "contact"),
     "teacher": ("audio",),
     "phones": ("listen",),
-    **dict.fromkeys(("start", "steps", "stream_minutes"), OF_ENCODER),
+    "start": tuple(stage for stage in OF_ENCODER if stage != "peers"),
+    "face": ("prior", "landmarks"),
+    "take": ("prior",),
+    "device": NETWORKS,
+    **dict.fromkeys(("steps", "stream_minutes", "resume", "precision", "compile"), OF_ENCODER),
+    **dict.fromkeys(("preset", "data", "seed"), (*NETWORKS, "gaze")),
 }
 
 

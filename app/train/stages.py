@@ -40,16 +40,21 @@ EXTENDING = ("emotion", "contact", "listen", "voice-activity")  # --start is wha
 
 def run_stage(settings: TrainSettings) -> None:
     """Run one stage. The teacher, states and streams live in `data`, a variant in its folder."""
+    overrides = _overrides(settings)
+    options.check(settings)
+    if settings.stage == "landmarks":
+        from app.train.landmarks import make
+
+        make(settings.face, settings.out)
+        return
+    if settings.stage == "prior":
+        _run_prior(settings)
+        return
     import torch
 
     from encoder.training.loop import RunSettings, steps_done
     from encoder.training.parallel import local_device
 
-    overrides = _overrides(settings)
-    options.check(settings)
-    if settings.stage == "prior":
-        _run_prior(settings)
-        return
     torch.set_num_threads(1)
     folder = settings.folder
     run = RunSettings(
