@@ -2,6 +2,7 @@
 
 from typing import get_args
 
+from app.terminal.arguments import check_taken
 from app.train.settings import Baseline, Stage, TrainSettings
 from sensors.types import InputError
 
@@ -24,13 +25,7 @@ TAKEN_BY = {
 
 def check(settings: TrainSettings) -> None:
     """Raises InputError where the stage does not take an option, or lacks one."""
-    usual = TrainSettings(stage=settings.stage)
-    for option, stages in TAKEN_BY.items():
-        if settings.stage not in stages and getattr(settings, option) != getattr(usual, option):
-            raise InputError(
-                f"--{option.replace('_', '-')}: expected one of the stages {', '.join(stages)}, "
-                f"got {settings.stage}; leave it away"
-            )
+    check_taken(settings, TAKEN_BY, settings.stage, "stages")
     if settings.stage == "peers" and settings.name is None:
         known = ", ".join(get_args(Baseline))
         raise InputError(f"train peers: expected --name and one of {known}, got none; give one")
