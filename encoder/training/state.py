@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from sensors import files
@@ -105,8 +105,7 @@ class RunState:
         )
         path.parent.mkdir(parents=True, exist_ok=True)
         tensors = {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()}
-        with files.replacing(path) as draft:
-            save_file(tensors, draft, {"run": words})
+        files.write_bytes(path, save(tensors, {"run": words}))
 
     def load(self, path: Path) -> None:
         """Raises InputError where the file is damaged, or of a run with other settings."""
