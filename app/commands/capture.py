@@ -14,8 +14,20 @@ from typing import Literal
 from tyro.conf import Positional
 
 from app.terminal import confirm, outputs
-from app.terminal.arguments import Amount, Count, File, Name, Number, Seed
+from app.terminal.arguments import Amount, Count, File, Name, Number, Seed, Whole, check_taken
 from sensors.types import InputError
+
+# option: the actions that take it, "build" being that without a word
+TAKEN_BY = {
+    **dict.fromkeys(("preset", "subjects", "hours", "eyes", "wide_eyes"), ("build",)),
+    **dict.fromkeys(("speech", "takes", "processes"), ("build",)),
+    "mocap": ("build", "calibrate"),
+    "picture": ("inspect", "statistics", "calibrate"),
+    "report": ("statistics", "calibrate"),
+    **dict.fromkeys(("subject", "clip", "video"), ("inspect",)),
+    "avatar": ("inspect", "session"),
+    **dict.fromkeys(("text", "voice", "seconds"), ("session",)),
+}
 
 
 @dataclass(kw_only=True)
@@ -31,9 +43,9 @@ class Capture:
     """Number of rule-made subjects, instead of the preset's."""
     hours: Amount = None
     """Hours of all rule-made subjects together, instead of the preset's."""
-    eyes: int = 0
+    eyes: Whole = 0
     """Pairs of eye pictures to render, e.g. 40000."""
-    wide_eyes: int = 0
+    wide_eyes: Whole = 0
     """Pairs of eye pictures from headsets of all kinds, for `train wide-eyes`, e.g. 12000."""
     speech: File = None
     """Folder of real speech with a transcripts.tsv, e.g. of LibriSpeech."""
@@ -51,7 +63,7 @@ class Capture:
     """statistics, calibrate: write the metrics, e.g. r.json."""
     subject: Name = None
     """inspect: subject of the clip; default: the first."""
-    clip: int = 0
+    clip: Whole = 0
     """inspect: number of the subject's clip."""
     video: File = None
     """inspect: also write the clip as a video, e.g. clip.mp4."""
@@ -78,6 +90,7 @@ class Capture:
                 f"capture: expected one folder after {name!r}, got {len(words)}; "
                 "run livedrive capture -h"
             )
+        check_taken(self, TAKEN_BY, name, "actions")
         actions.get(name, self._build)(Path(words[0]))
 
     def _inspect(self, folder: Path) -> None:

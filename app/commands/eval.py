@@ -19,6 +19,8 @@ from app.terminal.arguments import File, Seed
 from sensors.types import InputError
 
 WRITTEN = {"report": outputs.REPORTS, "picture": outputs.PICTURES, "plot": outputs.PLOTS}
+# option of eval speech: those that do nothing without it
+SPEECH_PARTNERS = {"leave_one_out": ("mocap", "strips"), "peers": ("films",)}
 
 
 @dataclass(kw_only=True)
@@ -30,6 +32,7 @@ class EvalSpeech:
     settings: OmitArgPrefixes[SpeechSettings] = field(default_factory=SpeechSettings)
 
     def run(self) -> None:
+        self._check()
         if self.settings.leave_one_out and self.settings.strips:
             from app.eval.speech.strips import evaluate
         elif self.settings.leave_one_out:
@@ -42,6 +45,15 @@ class EvalSpeech:
             from app.eval.speech.evaluate import evaluate
 
         evaluate(self.data, self.settings)
+
+    def _check(self) -> None:
+        for partner, options in SPEECH_PARTNERS.items():
+            for option in options:
+                if getattr(self.settings, option) and not getattr(self.settings, partner):
+                    raise InputError(
+                        f"--{option}: expected --{partner.replace('_', '-')} beside it, got none; "
+                        f"add it, or leave --{option} away"
+                    )
 
 
 @dataclass(kw_only=True)

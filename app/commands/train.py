@@ -69,11 +69,6 @@ class Train:
     """Compile the networks first: takes minutes, pays off on a GPU."""
 
     def run(self) -> None:
-        if self.stage == "landmarks":
-            from app.train.landmarks import make
-
-            make(self.face, self.out)
-            return
         from app.train.next_step import next_command
         from app.train.stages import run_stage
         from encoder.training import parallel
@@ -100,5 +95,5 @@ class Train:
             compile=self.compile,
         )
         run_stage(settings)
-        if parallel.join(settings.device).leads:
+        if self.stage != "landmarks" and parallel.join(settings.device).leads:
             print(f"next: {next_command(settings)}")

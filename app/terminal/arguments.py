@@ -1,7 +1,9 @@
 """Types of options: without a default, or whole numbers of a range."""
 
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import tyro
 
@@ -39,9 +41,25 @@ def _whole(
     )
 
 
-Seed = Annotated[int, _whole(0)]
+Whole = Annotated[int, _whole(0)]
+Seed = Whole
 Count = Annotated[int, _whole(1)]
 Listening = Annotated[int, _whole(0, 65535)]
+
+
+def check_taken(
+    given: Any, taken_by: Mapping[str, Sequence[str]], action: str, actions: str
+) -> None:
+    """Raise InputError for an option of the dataclass `given` that this action does not take.
+
+    taken_by: option -> the actions that take it; actions: what they are called."""
+    for field in fields(given):
+        takers = taken_by.get(field.name, (action,))
+        if action not in takers and getattr(given, field.name) != field.default:
+            raise InputError(
+                f"--{field.name.replace('_', '-')}: expected one of the {actions} "
+                f"{', '.join(takers)}, got {action}; leave it away"
+            )
 
 
 def check_host(host: str, web: int | None) -> None:

@@ -38,7 +38,7 @@ def run_emotion_stage(
         minutes=settings.minutes(emotion_streams.EmotionStreamConfig.minutes),
         seed=settings.seed,
     )
-    if not streams.are_made(made):
+    if not streams.are_made(made, resumed=settings.resume):
         emotion_streams.run(made, lips())
     known = start / "emotion"
     if settings.start and settings.variant == "none" and known.with_suffix(".json").is_file():

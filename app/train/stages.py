@@ -2,10 +2,11 @@
 
 import subprocess
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from app.terminal import confirm
-from app.train.settings import Baseline, Stage, TrainSettings
+from app.train import options
+from app.train.settings import TrainSettings
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -34,30 +35,26 @@ VARIANTS: dict[str, dict[str, dict[str, Any]]] = {
     "no-lip": {"emotion": {"lip_weight": 0.0}},
 }
 OWN_AUDIO = ("centred", "causal")  # these hear by an audio encoder of their own
-OF_ENCODER = tuple(stage for stage in get_args(Stage) if stage not in ("prior", "landmarks"))
-# option: the stages that take it
-TAKEN_BY = {
-    "name": ("peers",),
-    "leave_out": ("diffusion", "distill", "listen", "voice-activity", "contact"),
-    "teacher": ("audio",),
-    "phones": ("listen",),
-    **dict.fromkeys(("start", "steps", "stream_minutes"), OF_ENCODER),
-}
 EXTENDING = ("emotion", "contact", "listen", "voice-activity")  # --start is what they extend
 
 
 def run_stage(settings: TrainSettings) -> None:
     """Run one stage. The teacher, states and streams live in `data`, a variant in its folder."""
-    import torch
-
-    from encoder.training.loop import RunSettings
-    from encoder.training.parallel import local_device
-
     overrides = _overrides(settings)
-    _check_options(settings)
+    options.check(settings)
+    if settings.stage == "landmarks":
+        from app.train.landmarks import make
+
+        make(settings.face, settings.out)
+        return
     if settings.stage == "prior":
         _run_prior(settings)
         return
+    import torch
+
+    from encoder.training.loop import RunSettings, steps_done
+    from encoder.training.parallel import local_device
+
     torch.set_num_threads(1)
     folder = settings.folder
     run = RunSettings(
@@ -69,7 +66,9 @@ def run_stage(settings: TrainSettings) -> None:
         compile=settings.compile,
         note=(("command", _words(settings)), ("commit", _commit())),
     )
-    if not settings.resume:
+    if settings.resume:
+        steps_done(run)  # refused before streams are made over those of another run
+    else:
         confirm.overwriting([run.file], "add --resume to go on with it")
     if settings.stage == "audio":
         from encoder.training.stages import audio
@@ -183,19 +182,6 @@ def _overrides(settings: TrainSettings) -> dict[str, Any]:
     return overrides
 
 
-def _check_options(settings: TrainSettings) -> None:
-    usual = TrainSettings(stage=settings.stage)
-    for option, stages in TAKEN_BY.items():
-        if settings.stage not in stages and getattr(settings, option) != getattr(usual, option):
-            raise InputError(
-                f"--{option.replace('_', '-')}: expected one of the stages {', '.join(stages)}, "
-                f"got {settings.stage}; leave it away"
-            )
-    if settings.stage == "peers" and settings.name is None:
-        known = ", ".join(get_args(Baseline))
-        raise InputError(f"train peers: expected --name and one of {known}, got none; give one")
-
-
 def _weights(settings: TrainSettings) -> Path:
     from encoder.inference import WEIGHTS
 
@@ -220,7 +206,7 @@ def _streams(settings: TrainSettings, folder: Path) -> Path:
         seed=settings.seed,
     )
     ranks = parallel.join(settings.device)
-    if ranks.leads and not streams.are_made(config):
+    if ranks.leads and not streams.are_made(config, resumed=settings.resume):
         streams.run(config)
     parallel.wait(ranks)
     return config.output

@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from encoder import stopping
 from encoder.training import parallel
-from encoder.training.state import Curve, Losses, RunState, opened
+from encoder.training.state import Curve, Losses, RunState, check_seed, opened
 from sensors.types import InputError
 
 SAVE_SECONDS = 60.0
@@ -76,9 +76,11 @@ def adamw(modules: Mapping[str, nn.Module], rate: float) -> torch.optim.AdamW:
 
 
 def steps_done(run: RunSettings) -> int:
-    """Of a run that is resumed; raises InputError where it left no state."""
+    """Of a run that is resumed; raises InputError where it left no state, or had another seed."""
     with opened(run.file) as (_, about):
-        return int(about["step"])
+        pass
+    check_seed(run.file, about, run.seed)
+    return int(about["step"])
 
 
 def _check(name: str, step: int, losses: Losses) -> None:

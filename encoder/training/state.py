@@ -12,7 +12,7 @@ from typing import Any, Protocol
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor, nn
 
 from sensors import files
@@ -105,15 +105,13 @@ class RunState:
         )
         path.parent.mkdir(parents=True, exist_ok=True)
         tensors = {name: tensor.detach().cpu().clone() for name, tensor in tensors.items()}
-        with files.replacing(path) as draft:
-            save_file(tensors, draft, {"run": words})
+        files.write_bytes(path, save(tensors, {"run": words}))
 
     def load(self, path: Path) -> None:
         """Raises InputError where the file is damaged, or of a run with other settings."""
         with opened(path) as (file, run):
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        if (seed := run.get("seed", self.seed)) != self.seed:
-            raise _of_another(path, f"--seed {self.seed}", f"--seed {seed}")
+        check_seed(path, run, self.seed)
         known = {name: tensor.shape for name, tensor in self._tensors().items()}
         kept = {name: tensor.shape for name, tensor in tensors.items()}
         if {n: s for n, s in kept.items() if not n.startswith("optimizer/")} != known:
@@ -145,6 +143,12 @@ def opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
             f"--resume: expected the state of a run in {path}, got {error}; "
             "run the stage without --resume"
         ) from error
+
+
+def check_seed(path: Path, run: dict[str, Any], seed: int) -> None:
+    """Raises InputError unless `run`, of a state's header, had this seed."""
+    if (kept := run.get("seed", seed)) != seed:
+        raise _of_another(path, f"--seed {seed}", f"--seed {kept}")
 
 
 def _of_another(path: Path, expected: str, got: str) -> InputError:

@@ -50,8 +50,7 @@ class EyeGeometry:
         result: list[tuple[int, NDArray[np.uint8]]] = []
         for part in shown:
             eye = 1 - part if self.swap else part
-            cut = self._views(shown, eye).cut(image)
-            view = cut[shown.index(part)][1]
+            view = self._views(shown, eye).view(image, shown.index(part))
             result.append((eye, normalise_exposure(view) if self.exposure else view))
         return sorted(result, key=lambda pair: pair[0])
 

@@ -23,17 +23,22 @@ class Views:
         image: NDArray[np.uint8],  # [H, W]
     ) -> list[tuple[int, NDArray[np.uint8]]]:
         """(eye, view [400, 400]) for each eye."""
+        return [(eye, self.view(image, k)) for k, eye in enumerate(self.eyes)]
+
+    def view(
+        self,
+        image: NDArray[np.uint8],  # [H, W]
+        k: int,  # of the eyes from left to right
+    ) -> NDArray[np.uint8]:
+        """[400, 400]. Raises BadPictureError where the crop leaves too little."""
         if self.crop is not None:
             x, y, width, height = self.crop
             image = image[y : y + height, x : x + width]
         half = image.shape[1] // len(self.eyes)
         if min(half, image.shape[0]) < MIN_SIDE:
             raise BadPictureError(f"views of {half} x {image.shape[0]} px; check crop=")
-        views: list[tuple[int, NDArray[np.uint8]]] = []
-        for k, eye in enumerate(self.eyes):
-            view = np.rot90(image[:, k * half : (k + 1) * half], self.turns)
-            views.append((eye, fit(view[:, ::-1] if self.mirror else view)))
-        return views
+        view = np.rot90(image[:, k * half : (k + 1) * half], self.turns)
+        return fit(view[:, ::-1] if self.mirror else view)
 
 
 def fit(

@@ -50,9 +50,14 @@ class BaselineEvaluation(SpeechEvaluation):
     def __init__(self, data: Path, settings: SpeechSettings) -> None:
         from encoder.training.peers.kinds import load_peer
 
-        super().__init__(data, settings)
         folder = settings.peers
         assert folder is not None
+        if not any((folder / f"{name}.json").is_file() for name, _, _ in ROWS):
+            raise InputError(
+                f"--peers {folder}: expected twins of the baselines, got none; "
+                "make them with livedrive train peers --name NAME"
+            )
+        super().__init__(data, settings)
         self.peers: dict[str, PeerNetwork] = {}
         for name in dict.fromkeys(name for name, _, _ in ROWS):
             if self.trained(name, folder / name):
@@ -60,11 +65,6 @@ class BaselineEvaluation(SpeechEvaluation):
                 kept = ("parameters", "budget", "seed", "command")
                 self.facts.setdefault("peers", {})[name] = {key: card.get(key) for key in kept}
                 self._check(folder / name, card.get("audio_sha256"))
-        if not self.peers:
-            raise InputError(
-                f"--peers {folder}: expected twins of the baselines, got none; "
-                "make them with livedrive train peers --name NAME"
-            )
         self.kinds = without_languages(self.kinds)
 
     def _check(self, path: Path, heard: object) -> None:

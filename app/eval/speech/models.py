@@ -26,11 +26,11 @@ class SpeechModels:
         torch.set_num_threads(1)
         self.data, self.settings, self.missing = data, settings, list[str]()
         self.facts: dict[str, Any] = {}  # of rows, for the report
+        self.kinds = held_out_segments(data, settings.segments, settings.seed)
         self.mesh, self.decoder = face_mesh(settings.avatar), Decoder.load()
         networks, self.card = inference.load_networks(settings.weights)
         self.encoder, self.student = networks.modules()
         self.driver = inference.load_driver(settings.weights, "cpu")
-        self.kinds = held_out_segments(data, settings.segments, settings.seed)
 
     def truth(self, segments: "list[Segment]") -> np.ndarray:  # [S, 100, 256]
         return self.decoder.encode(np.stack([segment.rig for segment in segments]))

@@ -26,6 +26,7 @@ from sensors.types import FPS
 
 if TYPE_CHECKING:
     from app.eval.speech.settings import SpeechSettings
+    from encoder.driver import Driver
 
 Pixels = NDArray[np.uint8]
 KINDS: dict[str, tuple[str, ...]] = {  # column -> phones that may stand in it, the best first
@@ -81,10 +82,12 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
     from tqdm import tqdm
 
     assert settings.strips is not None
+    folder = tracked_folder(settings.mocap)
+    voices = _voices(folder, drivers_of(data, settings.weights), settings.weights)
     settings.strips.mkdir(parents=True, exist_ok=True)
     draw = _painter(settings.avatar)
     strips = list[Pixels]()
-    for name, clips in tqdm(_voices(data, settings), total=VOICES, unit="voice", disable=None):
+    for name, clips in tqdm(voices, total=VOICES, unit="voice", disable=None):
         strips.append(strip(name, shots(clips), draw))
         _save(settings.strips / f"{name.split()[0]}.jpg", strips[-1])
     path = settings.strips / "strips.jpg"
@@ -92,16 +95,16 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
     print(f"wrote {path}, and one picture for each of {len(strips)} voices")
 
 
-def _voices(data: Path, settings: "SpeechSettings") -> Iterator[tuple[str, list[Followed]]]:
+def _voices(
+    folder: Path, drivers: "dict[str, Driver]", weights: Path | None
+) -> Iterator[tuple[str, list[Followed]]]:
     """Talker's name, and whether the student knows it, with its clips."""
     from encoder.capture.subjects.mocap import grid_speakers
     from encoder.inference import load_driver
 
-    folder = tracked_folder(settings.mocap)
-    drivers = drivers_of(data, settings.weights)
     every = [f"grid-{s}" for part in sorted(folder.glob("*/labels.npz"))
              for s in grid_speakers(part.parent)]  # fmt: skip
-    known = load_driver(settings.weights, "cpu")
+    known = load_driver(weights, "cpu")
     names = sorted(dict.fromkeys(every), key=lambda name: (name not in drivers, name))
     for name in names[:VOICES]:
         takes = list(tracked_takes(folder, name, CLIPS))

@@ -149,8 +149,10 @@ def made_from(config: StreamOrigin) -> dict[str, Any]:
     return {"audio_sha256": audio, "minutes": config.minutes, "seed": config.seed}
 
 
-def are_made(config: StreamOrigin) -> bool:
-    """Whether the output already holds the streams of this config, whole."""
+def are_made(config: StreamOrigin, *, resumed: bool = False) -> bool:
+    """Whether the output already holds the streams of this config, whole.
+
+    Raises InputError where a run that is resumed finds those of another one."""
     if not config.output.is_file():
         return False
     try:
@@ -158,7 +160,13 @@ def are_made(config: StreamOrigin) -> bool:
             about = json.loads(str(data["about"])) if "about" in data else {}
     except InputError:
         return False
-    return made_from(config).items() <= about.items()
+    made = made_from(config).items() <= about.items()
+    if resumed and not made:
+        raise InputError(
+            f"--resume: expected the streams of that run in {config.output}, got others; repeat "
+            f"its settings, or run the stage without --resume"
+        )
+    return made
 
 
 BLINK = RIG_INDEX["eyeBlink_L"]

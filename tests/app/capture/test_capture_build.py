@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import tyro
 
 from app.capture.build import build
 from app.commands.capture import Capture
@@ -124,6 +125,35 @@ def test_bad_words_end_in_one_line(made, tmp_path):
         Capture(words=("calibrate", str(made))).run()
     with pytest.raises(InputError, match="manifest"):
         Capture(words=("statistics", str(tmp_path))).run()
+
+
+@pytest.mark.parametrize(
+    ("words", "given", "told"),
+    [
+        (
+            (),
+            {"subjects": 0, "picture": Path("p.png")},
+            "--picture: expected .* inspect, statistics, .*got build",
+        ),
+        (
+            (),
+            {"subjects": 0, "text": ("Hello.",)},
+            "--text: expected one of the actions session, got build",
+        ),
+        (("inspect",), {"wide_eyes": 5}, "--wide-eyes: expected .* build, got inspect; leave it"),
+    ],
+)
+def test_what_an_action_does_not_take_is_an_error(words, given, told, tmp_path):
+    """Red before: it went unheard, at the end of an hour."""
+    with pytest.raises(InputError, match=told):
+        Capture(words=(*words, str(tmp_path / "x")), **given).run()
+
+
+def test_fewer_pictures_than_none_are_refused(capsys, tmp_path):
+    """Red before: nothing was drawn, without a word, after the set was made."""
+    with pytest.raises(SystemExit):
+        tyro.cli(Capture, args=[str(tmp_path / "x"), "--subjects", "0", "--eyes", "-5"])
+    assert "expected 0 or more, got -5" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(

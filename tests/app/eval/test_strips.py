@@ -1,10 +1,16 @@
 """Strips of mouths: which frames they show, and how they are laid out."""
 
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
 
+from app.commands.eval import EvalSpeech
 from app.eval.speech import strips
 from app.eval.speech.following import Followed, tracked_folder
+from app.eval.speech.settings import SpeechSettings
+from encoder import inference
 from encoder.capture.speech.phones import Phone
 from sensors.types import InputError
 
@@ -49,3 +55,39 @@ def test_a_strip_shows_above_what_is_tracked():
 def test_a_folder_of_tracked_faces_is_asked_for():
     with pytest.raises(InputError, match="--mocap FOLDER"):
         tracked_folder(None)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"strips": Path("s")}, "--strips: expected --leave-one-out beside it, got none"),
+        ({"mocap": Path("m")}, "--mocap: expected --leave-one-out beside it"),
+        ({"films": Path("f")}, "--films: expected --peers beside it"),
+    ],
+)
+def test_what_does_nothing_alone_is_refused(
+    given: dict[str, Any], told: str, tmp_path: Path
+) -> None:
+    """Red before: tables were made, and neither pictures nor films."""
+    with pytest.raises(InputError, match=told):
+        EvalSpeech(data=tmp_path, settings=SpeechSettings(**given)).run()
+
+
+def test_where_nothing_can_be_drawn_no_folder_is_made(tmp_path: Path) -> None:
+    """Red before: there was an empty one."""
+    given = SpeechSettings(leave_one_out=True, mocap=tmp_path, strips=tmp_path / "strips")
+    with pytest.raises(InputError, match="--leave-one-out: expected students in"):
+        EvalSpeech(data=tmp_path, settings=given).run()
+    assert not (tmp_path / "strips").exists()
+
+
+@pytest.mark.parametrize(
+    ("given", "told"), [({}, "livedrive capture"), ({"peers": Path("none")}, "--peers none: ")]
+)
+def test_data_are_looked_for_before_networks_are_loaded(
+    given: dict[str, Any], told: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: ten seconds later."""
+    monkeypatch.setattr(inference, "load_networks", lambda weights: pytest.fail("loaded"))
+    with pytest.raises(InputError, match=told):
+        EvalSpeech(data=tmp_path, settings=SpeechSettings(**given)).run()

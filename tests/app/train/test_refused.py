@@ -59,6 +59,27 @@ def test_how_people_differ_is_learned_at_the_places_just_found(
     assert taken == ["face", "places", tmp_path]
 
 
+@pytest.mark.parametrize(
+    ("stage", "given"),
+    [
+        ("landmarks", {"preset": "debug"}),
+        ("landmarks", {"resume": True}),
+        ("landmarks", {"device": "cuda"}),
+        ("prior", {"precision": "bfloat16"}),
+        ("gaze", {"start": Path("weights")}),
+        ("audio", {"take": Path("take.csv")}),
+        ("peers", {"name": "talkshow", "start": Path("weights")}),  # red before: a traceback
+    ],
+)
+def test_what_a_stage_does_not_take_is_told(
+    stage: Any, given: dict[str, Any], tmp_path: Path
+) -> None:
+    """Red before: it went unheard."""
+    name = list(given)[-1]
+    with pytest.raises(InputError, match=f"--{name}: expected one of the stages .*, got {stage}"):
+        Train(stage=stage, out=tmp_path, **given).run()
+
+
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:
     """Red before: expected a file or folder streams.npz, got none; check the path."""
     with pytest.raises(InputError, match=r"streams\.npz: .* `livedrive train diffusion`"):

@@ -140,6 +140,19 @@ def test_streams_that_are_cut_are_made_anew(data):
     assert card(data / "regression")["steps"] == 2 and made.stat().st_size > 2000
 
 
+@pytest.mark.parametrize(
+    ("option", "told"),
+    [({"seed": 5}, "a run with --seed 5 "), ({"stream_minutes": 0.7}, "the streams of that run")],
+)
+def test_resuming_otherwise_leaves_the_streams_of_the_run(data, option, told):
+    """Red before: they were made anew, which took up to half an hour, then it was refused."""
+    train(data, "regression")
+    before = (data / "streams.npz").read_bytes()
+    with pytest.raises(InputError, match=f"--resume: expected .*{told}"):
+        train(data, "regression", resume=True, **option)
+    assert (data / "streams.npz").read_bytes() == before
+
+
 def test_the_losses_see_the_decoder(data):
     decoder = face()
     rig = np.zeros((1, 2, len(RIG_NAMES)), np.float32)

@@ -54,6 +54,19 @@ def test_resuming_equals_an_unbroken_run(tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["broken.safetensors", "whole.safetensors"]
 
 
+def test_a_full_disk_is_told_with_the_name_of_the_state(tmp_path):
+    """Red before: a traceback of another library's error, at the end of the training."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, limits[1]))
+    try:
+        with pytest.raises(OSError, match=r"File too large: .*state\.safetensors"):
+            train(make(), loop.RunSettings(state=tmp_path / "state"))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert not list(tmp_path.iterdir())
+
+
 def test_what_is_left_is_the_average(tmp_path):
     modules = make()
     train(modules, loop.RunSettings(state=tmp_path / "state", average=0.5), steps=40, stop=40)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sensors.cameras import views as cameras_views
 from sensors.cameras.geometry import (
     PROFILES,
     EyeGeometry,
@@ -43,6 +44,14 @@ def test_side_by_side_is_split() -> None:
     image = picture(400, 800)
     eyes = views(profile("bigscreen-beyond-2e"), image)
     assert np.array_equal(eyes[0], image[:, :400]) and np.array_equal(eyes[1], image[:, 400:])
+
+
+def test_each_view_is_cut_and_scaled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: twice, for either eye both."""
+    sizes, whole = [], cameras_views.fit
+    monkeypatch.setattr(cameras_views, "fit", lambda view: sizes.append(view.shape) or whole(view))
+    views(profile("custom"), picture(240, 640))
+    assert sizes == [(240, 320)] * 2
 
 
 def test_swap_exchanges_the_eyes_and_keeps_each_eyes_own_turn() -> None:
