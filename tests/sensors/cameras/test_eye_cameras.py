@@ -1,6 +1,7 @@
 """Eye cameras over real HTTP and a real serial line: pictures, failures, and back again."""
 
 import errno
+import socket
 import sys
 import threading
 import time
@@ -15,6 +16,7 @@ from material import video, wav
 from waiting import wait_until
 
 from sensors.cameras.camera import EyeCamera
+from sensors.cameras.mjpeg import MjpegLink
 from sensors.cameras.spec import cameras
 from sensors.cameras.table import SCHEMES, CameraTarget
 from sensors.cameras.video import DriverLink, file_pictures
@@ -54,6 +56,21 @@ def test_pictures_over_http_are_those_that_were_sent(server: MjpegServer, start:
     assert counters == sorted(set(counters))
     assert times == sorted(set(times))
     assert MonotonicClock().now_ns() > times[-1]
+
+
+def test_an_address_of_ipv6_is_a_host_in_brackets() -> None:
+    """Red before: Host: ::1:8080, which strict servers refuse."""
+    try:
+        listener = socket.create_server(("::1", 0), family=socket.AF_INET6)
+    except OSError:
+        pytest.skip("no IPv6 here")
+    with listener:
+        port = listener.getsockname()[1]
+        link = MjpegLink(f"http://[::1]:{port}/", MonotonicClock())
+        with listener.accept()[0] as client:
+            request = client.recv(4096)
+        link.close()
+    assert f"\r\nHost: [::1]:{port}\r\n".encode() in request
 
 
 def test_a_camera_opened_again_waits_for_the_driver_that_still_holds_it(
