@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.commands.train import Train
@@ -45,6 +46,17 @@ def test_landmarks_are_not_begun_where_they_cannot_be_written(
     places = {"face": "face", "out": "out"} | given
     with pytest.raises(InputError, match=told):
         Train(stage="landmarks", **{k: tmp_path / v for k, v in places.items()}).run()
+
+
+@pytest.mark.parametrize("is_whole", [False, True])
+def test_damaged_face_data_is_told_in_a_line(is_whole: bool, tmp_path: Path) -> None:
+    """Red before: a traceback, of zipfile or of the first array that it lacks."""
+    path = tmp_path / "ict_face.npz"
+    np.savez(path, neutral=np.zeros((4, 3), np.float32))
+    if not is_whole:
+        path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"ict_face\.npz: expected a whole npz file, got .*; get"):
+        face_data.load(tmp_path)
 
 
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:
