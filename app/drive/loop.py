@@ -132,7 +132,7 @@ def _running(parts: Drive) -> Generator[None]:
 
 def _close(parts: Sequence[Closable]) -> None:
     """Close every part even when one fails; the first failure is raised at the end."""
-    failures: list[Exception] = []
+    failures: list[BaseException] = []
     for part in parts:
         try:
             part.close()

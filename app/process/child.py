@@ -13,7 +13,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Coroutine, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
@@ -61,6 +61,16 @@ def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
     elif word:
         end = Channel(socket.socket(fileno=int(word)))
     return given["info"], given["memories"], end
+
+
+def parent_lives() -> Callable[[], bool]:
+    """What tells a child, at any time, whether the process that started it still runs."""
+    parent = os.getppid()
+    if sys.platform == "win32":  # where an orphan keeps the number of its parent
+        import psutil
+
+        return psutil.Process(parent).is_running
+    return lambda: os.getppid() == parent
 
 
 def begin_worker() -> None:

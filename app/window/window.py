@@ -4,7 +4,6 @@ shared ticks -> Interpolation -> decode -> draw -> background, panels -> screen
              -> History -> sidebar          controls -> loop
 """
 
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from imgui_bundle import imgui
 
+from app.process import child
 from app.window.head import Code, HeadView
 from app.window.panels import overlay, sidebar
 from app.window.panels.eyes import EyeMarks
@@ -50,8 +50,8 @@ class Window:
 
     def run(self) -> None:
         """Until the run ends, the window is closed, or the loop is gone."""
-        screen, controls, parent = self._screen, self.state.controls, os.getppid()
-        while not controls["ending"] and os.getppid() == parent:
+        screen, controls, loop_lives = self._screen, self.state.controls, child.parent_lives()
+        while not controls["ending"] and loop_lives():
             self._take_ticks()
             self.picture()
             controls["frames"] += 1

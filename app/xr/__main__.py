@@ -1,6 +1,5 @@
 """The headset's process, started by XrSink."""
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,10 +20,10 @@ def main() -> None:
     """Show the head until the run ends; errors are left in the shared memory."""
     fields, handles, _ = child.begin()
     memory, info = XrMemory(handles[0]), XrInfo(**fields)
-    status, parent = memory.status, os.getppid()
+    status, loop_lives = memory.status, child.parent_lives()
 
     def wanted() -> bool:
-        return not status["ending"] and os.getppid() == parent
+        return not status["ending"] and loop_lives()
 
     def make_scene(context: "GLContext") -> "Scene":
         from app.xr.scene import Scene

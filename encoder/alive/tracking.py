@@ -47,7 +47,7 @@ def step(
 ) -> tuple[HeadPose, Quat, TrackState]:
     """The head's pose; the quick part of its motion, that eyes make up for; the state after it.
     `without`: the pose where there is no tracker."""
-    valid = frame.head_valid and frame.head is not None
+    valid, is_new = frame.head_valid and frame.head is not None, state.share == 0.0
     if valid:
         state = replace(state, pose=frame.head)
         if not state.begun:
@@ -57,7 +57,7 @@ def step(
     if state.pose is None or state.share == 0.0:
         return without, UNIT, state
     tracked = _from_centre(state.pose, state)
-    slow = rotation.slerp(state.slow, tracked.quat, SLOW)
+    slow = tracked.quat if is_new else rotation.slerp(state.slow, tracked.quat, SLOW)
     eased = state.share * state.share * (3 - 2 * state.share)
     fast = _limited(rotation.multiply(rotation.inverse(slow), tracked.quat), eased)
     return _between(without, tracked, eased), fast, replace(state, slow=slow)

@@ -107,7 +107,12 @@ def _vertices(path: Path) -> NDArray[np.void]:
                 break
             known = words[1] == "vertex" and COUNT.fullmatch(words[2])
             count = int(words[2]) if known else -2
-        elif words[:1] == ["property"] and len(words) == 3 and words[1] in TYPES:
+        elif words[:1] == ["property"]:
+            if len(words) != 3 or words[1] not in TYPES:
+                raise InputError(
+                    f"{path}: expected properties of one number each, got {' '.join(words)[:80]!r};"
+                    " export it as 3DGS PLY"
+                )
             fields.append((words[2], TYPES[words[1]]))
     names = [name for name, _ in fields]
     if doubled := [name for name in names if names.count(name) > 1]:

@@ -53,7 +53,7 @@ class EyeCamera:
         self._connect, self._clock = connect, clock
         self._newest: deque[list[EyePacket]] = deque(maxlen=NEWEST)
         self._lock = threading.Lock()
-        self._closing = threading.Event()
+        self._closing = threading.Event()  # a new one each time it is opened
         self._thread: threading.Thread | None = None
         self._map = ClockMap()
         self._counter = 0
@@ -72,9 +72,10 @@ class EyeCamera:
 
     def open(self) -> None:
         """Start connecting; returns at once."""
-        self._closing.clear()
         self.counts, self.problem = CameraCounts(), "connecting"
-        self._thread = threading.Thread(target=self._run, name=self.name, daemon=True)
+        self._closing, earlier = threading.Event(), self._thread
+        work = (self._closing, earlier)
+        self._thread = threading.Thread(target=self._run, args=work, name=self.name, daemon=True)
         self._thread.start()
 
     def poll(self) -> list[EyePacket]:
@@ -88,20 +89,21 @@ class EyeCamera:
         if self._thread is not None:
             self._closing.set()
             self._thread.join(JOIN_S)
-            self._thread = None
         self._newest.clear()
         self.state = "closed"
 
-    def _run(self) -> None:
+    def _run(self, closing: threading.Event, earlier: threading.Thread | None) -> None:
+        if earlier is not None:
+            earlier.join()  # its driver may still hold the camera
         failures = 0
-        while not self._closing.is_set():
+        while not closing.is_set():
             self.state = "connecting"
             try:
                 link = self._connect()
                 self.counts.connects += 1
                 before = self.counts.pictures
                 try:
-                    self._stream(link)
+                    self._stream(link, closing)
                 finally:
                     link.close()
                     failures = 0 if self.counts.pictures > before else failures
@@ -109,14 +111,14 @@ class EyeCamera:
                 told = reasons.lost(error) if isinstance(error, OSError) else error
                 self.problem = " ".join(str(told).split())
                 self.state = "waiting"
-                self._closing.wait(RETRY_S[min(failures, len(RETRY_S) - 1)])
+                closing.wait(RETRY_S[min(failures, len(RETRY_S) - 1)])
                 failures += 1
 
-    def _stream(self, link: CameraLink) -> None:
+    def _stream(self, link: CameraLink, closing: threading.Event) -> None:
         """Read until the camera is lost or closed."""
         self._map, self._shape, self._odd_run = ClockMap(), None, 0
         seen_ns, kept_ns, bad_run = self._clock.now_ns(), -NS, 0
-        while not self._closing.is_set():
+        while not closing.is_set():
             try:
                 shot = link.read(READ_S)
                 if shot is None:

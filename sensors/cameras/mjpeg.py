@@ -43,7 +43,8 @@ class MjpegLink:
         except (OSError, UnicodeError) as error:  # a part of the name may be too long
             raise reasons.lost(error, reasons.LIST_NETWORK) from None
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        request = f"GET {path} HTTP/1.1\r\nHost: {host}:{port}\r\nConnection: close\r\n\r\n"
+        name = f"[{host}]" if ":" in host else host
+        request = f"GET {path} HTTP/1.1\r\nHost: {name}:{port}\r\nConnection: close\r\n\r\n"
         self._socket.sendall(request.encode("latin-1", "replace"))
 
     def read(self, timeout_s: float) -> Shot | None:

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import psutil
 
-from app.bench.sensors.fault_watch import POLL_NS, Fault, repeat, sleep, watched
+from app.bench.sensors.fault_watch import POLL_NS, Fault, repeat, watched
 
 STOP_S = 3.0
 
@@ -141,8 +141,6 @@ def stopped(times: int, rng: random.Random, rows: list[Fault]) -> None:
         return newest[0]
 
     try:
-        while not newest_ns():
-            sleep(clock, 0.01)
         repeat([fault], times, rng, newest_ns, clock)
     finally:
         child.kill()

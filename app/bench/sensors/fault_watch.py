@@ -68,6 +68,9 @@ def repeat(
     faults: list[Fault], times: int, rng: random.Random, newest_ns: Callable[[], int], clock: Clock
 ) -> None:
     """Each fault `times` times, in random order; `newest_ns` dates the newest good data."""
+    start_ns = clock.now_ns()
+    while not newest_ns() and clock.now_ns() < start_ns + HANG_S * NS:
+        sleep(clock, 0.01)
     order = faults * times
     rng.shuffle(order)
     for fault in order:
@@ -99,9 +102,6 @@ def watched(
         return watch.picture_ns if eyes else watch.sound_ns
 
     try:
-        start_ns = clock.now_ns()
-        while not newest_ns() and clock.now_ns() < start_ns + HANG_S * NS:
-            sleep(clock, 0.01)
         repeat(faults, times, rng, newest_ns, clock)
     finally:
         watch.close()

@@ -39,7 +39,7 @@ class EchoCanceller:
         self._played.append(words)
 
     def clean(self, samples: Sound) -> Sound:
-        """As many samples as came in, delayed by what is short of a block."""
+        """As many samples as came in, delayed by a block where they are not whole blocks."""
         while self._played:
             self._module.process_reverse_stream(self._frame(self._played.popleft()))
         self._in = np.concatenate([self._in, samples])
@@ -51,9 +51,8 @@ class EchoCanceller:
             self._module.process_stream(frame)
             heard = np.frombuffer(bytes(frame.data), "<i2").astype(np.float32) / 32767
             self._out = np.concatenate([self._out, heard])
-        missing = len(samples) - len(self._out)
-        if missing > 0:  # at the start, where blocks are not of 10 ms
-            self._out = np.concatenate([np.zeros(missing, np.float32), self._out])
+        if len(samples) > len(self._out):  # at the first that are not of 10 ms, and never again
+            self._out = np.concatenate([np.zeros(BLOCK - 1, np.float32), self._out])
         out, self._out = self._out[: len(samples)], self._out[len(samples) :]
         return out.astype(np.float32, copy=False)
 

@@ -118,8 +118,9 @@ class FaceTrack:
             next_end, following = self._ticks[after]
             tick = between(tick, following, (media - end) / max(next_end - end, 1))
             late_ns = 0
-        self.behind_ms += LATELY * (late_ns / 1e6 - self.behind_ms)
         held = late_ns > HOLD_NS + NS / FPS
+        if not held:
+            self.behind_ms += LATELY * (late_ns / 1e6 - self.behind_ms)
         self._rest = _towards(self._rest, held, step_ns / (EASE_NS if held else RETURN_NS))
         return Shown(at_rest(tick, _smooth(self._rest)), self._presence)
 

@@ -25,7 +25,7 @@ from encoder.training.clips import REMOVE, grouped, pick, stacked
 from encoder.training.geometry import TrainingFace
 from encoder.training.streams.augment import crop, not_speech
 from sensors import files
-from sensors.types import InputError
+from sensors.types import FPS, InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,6 +176,7 @@ REST_WEIGHT = 2.0  # a mouth that moves in silence is obvious
 # `fold_gaze` in diffusion.py moves this map into the weights that are saved.
 AHEAD = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 GAZE_SCALE = 10.0
+REDRAWN = 10_000  # times, until no window of a batch holds a talker who is left out
 
 
 @dataclass(frozen=True)
@@ -214,12 +215,18 @@ class Streams:
         """
         length = frames + ahead
         stream, start = self._places(batch, length, rng)
-        while self.barred is not None:
-            windows = zip(stream, start, strict=True)
-            bad = np.array([self.barred[s, t : t + length].any() for s, t in windows])
-            if not bad.any():
-                break
-            stream[bad], start[bad] = self._places(int(bad.sum()), length, rng)
+        if self.barred is not None:
+            for _ in range(REDRAWN):
+                windows = zip(stream, start, strict=True)
+                bad = np.array([self.barred[s, t : t + length].any() for s, t in windows])
+                if not bad.any():
+                    break
+                stream[bad], start[bad] = self._places(int(bad.sum()), length, rng)
+            else:
+                raise InputError(
+                    f"--leave-out: expected {length / FPS:g} s without these talkers in the "
+                    "streams, got none; leave fewer out"
+                )
         arrays = ((self.codes, 0), (self.features, ahead), (self.gaze, 0), (self.weight, 0))
         codes, audio, gaze, weight = (
             torch.tensor(

@@ -15,6 +15,7 @@ from render.decoder import posing
 from render.decoder.mesh_parts import SKIN_VERTICES
 from render.decoder.posing import straightened
 from render.training.data import crowns, rounding, sex
+from sensors import files
 from sensors.types import InputError
 
 MM_PER_UNIT = 10.0
@@ -60,34 +61,37 @@ def load(folder: Path) -> FaceData:
         raise InputError(
             f"face data: expected {path}, got no such file; give the folder with --face DIR"
         )
-    z = np.load(path, allow_pickle=False)
-    materials = z["materials"].astype(str)[z["tri_material"]]
-    neutral = z["neutral"] * MM_PER_UNIT
-    uv = z["uv"].copy()
-    for side, name in (("l", "M_ScleraLeft"), ("r", "M_ScleraRight")):
-        rows = materials == name
-        places = eye_places(neutral, z[f"region_eyeball_{side}"], mirrored=side == "r")
-        uv[z["uv_tris"][rows]] = places[z["tris"][rows]]
-    names, rig = [str(name) for name in z["expr_names"]], z["expr"].astype(np.float32) * MM_PER_UNIT
-    rig[names.index("mouthRollLower")] *= ROLLED
-    regions = {k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")}
-    landmarks = z["landmarks68"].astype(np.int32)
-    rig = rounding.rounded(rig, names, neutral, SKIN_VERTICES, regions, landmarks)
-    return FaceData(
-        folder=folder,
-        neutral=crowns.reshaped(neutral, z["tris"], regions),
-        rig=rig,
-        rig_names=names,
-        identities=z["ident"],
-        faces=z["tris"],
-        uv_faces=z["uv_tris"],
-        uv=uv,
-        materials=materials,
-        vertex_color=z["vertex_color"],
-        vertex_ao=z["vertex_ao"],
-        regions=regions,
-        landmarks=landmarks,
-    )
+    with files.arrays(path, "get the face data again") as z:
+        materials = z["materials"].astype(str)[z["tri_material"]]
+        neutral = z["neutral"] * MM_PER_UNIT
+        uv = z["uv"].copy()
+        for side, name in (("l", "M_ScleraLeft"), ("r", "M_ScleraRight")):
+            rows = materials == name
+            places = eye_places(neutral, z[f"region_eyeball_{side}"], mirrored=side == "r")
+            uv[z["uv_tris"][rows]] = places[z["tris"][rows]]
+        names, rig = (
+            [str(name) for name in z["expr_names"]],
+            z["expr"].astype(np.float32) * MM_PER_UNIT,
+        )
+        rig[names.index("mouthRollLower")] *= ROLLED
+        regions = {k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")}
+        landmarks = z["landmarks68"].astype(np.int32)
+        rig = rounding.rounded(rig, names, neutral, SKIN_VERTICES, regions, landmarks)
+        return FaceData(
+            folder=folder,
+            neutral=crowns.reshaped(neutral, z["tris"], regions),
+            rig=rig,
+            rig_names=names,
+            identities=z["ident"],
+            faces=z["tris"],
+            uv_faces=z["uv_tris"],
+            uv=uv,
+            materials=materials,
+            vertex_color=z["vertex_color"],
+            vertex_ao=z["vertex_ao"],
+            regions=regions,
+            landmarks=landmarks,
+        )
 
 
 def eye_places(

@@ -176,6 +176,16 @@ def test_a_ply_with_an_odd_header_is_refused(tmp_path: Path, odd: str) -> None:
         ply.load(tmp_path / "head.ply")
 
 
+@pytest.mark.parametrize("odd", ["list uchar int neighbours", "half w"])
+def test_a_ply_with_properties_of_unknown_length_is_refused(tmp_path: Path, odd: str) -> None:
+    """Red before: it was passed over, and every vertex after the first read from a wrong place."""
+    words = ["ply", "format binary_little_endian 1.0", "element vertex 2", f"property {odd}"]
+    words += [*(f"property float {name}" for name in ply.FIELDS), "end_header", ""]
+    (tmp_path / "head.ply").write_bytes("\n".join(words).encode() + bytes(1000))
+    with pytest.raises(InputError, match=f"got 'property {odd}'; export it as 3DGS PLY"):
+        ply.load(tmp_path / "head.ply")
+
+
 def test_weights_of_a_type_that_numpy_lacks_are_refused(tmp_path: Path) -> None:
     header = b'{"a":{"dtype":"F8_E5M2","shape":[1],"data_offsets":[0,1]}}'
     (tmp_path / "w.safetensors").write_bytes(struct.pack("<Q", len(header)) + header + bytes(1))

@@ -67,6 +67,18 @@ def test_as_many_samples_come_out_as_went_in(size: int) -> None:
         assert out.shape == (size,) and np.isfinite(out).all()
 
 
+@pytest.mark.parametrize("sizes", [(441,), (1600,), (441, 1600, 7)])
+def test_sound_is_whole_whatever_the_size_of_its_blocks(sizes: tuple[int, ...]) -> None:
+    """Red before: zeros in the midst of the first 150 ms, where blocks were not of 10 ms."""
+    sound = np.random.default_rng(0).standard_normal(60 * BLOCK).astype(np.float32) * 0.1
+    whole, pieces = (EchoCanceller(echo=False, noise=False) for _ in range(2))
+    expected = np.concatenate([whole.clean(block) for block in sound.reshape(-1, BLOCK)])
+    ends = np.cumsum(np.resize(sizes, 40))
+    got = np.concatenate([pieces.clean(s) for s in np.split(sound[: ends[-1]], ends[:-1])])
+    late = BLOCK - 1
+    np.testing.assert_array_equal(got[late:], expected[: len(got) - late])
+
+
 def test_a_worn_loudspeaker_needs_no_canceller() -> None:
     sound = SoundSettings()
     assert sound.is_on("auto", None) and sound.is_on("on", "Headset")

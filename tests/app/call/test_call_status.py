@@ -93,6 +93,9 @@ def test_a_late_face_is_behind_its_sound() -> None:
     for k in range(200):
         face.pose(float(end_of(0, 0) + 4800), NS + k)
     assert abs(face.behind_ms - 100) < 1
+    for k in range(200):  # red before: held or gone, it went on to grow, by seconds
+        face.pose(float(end_of(0, 0) + 480_000), NS + k)
+    assert abs(face.behind_ms - 100) < 1
     seats.take("ann", "Ann", "ada")
     seats.post("ann", Tick(0, np.zeros(256, np.float32), AHEAD), end_of(0, 0), NS)
     seats.hear("ann", (NS, float(end_of(0, 0) + 4800), 1.0), 0.0)

@@ -1,5 +1,6 @@
 """Seats in shared memory, and everybody in one cloud."""
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import numpy as np
 import pytest
 
 from app.call.media.face import end_of
-from app.call.table.company import OWN_SCALE, Company, Place, joined, placed, places
+from app.call.table.company import FALLBACK, OWN_SCALE, Company, Place, joined, placed, places
 from app.call.table.seats import SeatReader, Seats
 from app.call.wire.packet import Tick
 from render.decoder import identity
@@ -73,7 +74,7 @@ def test_seats_do_not_overlap_and_the_speaker_is_largest() -> None:
         across = [p.at_mm[0] for p in row]
         assert across == sorted(across, reverse=True)
         assert np.ptp(across) < 340
-    assert places([1.0])[0] == Place(1.0, 0.0, (0.0, 0.0, 0.0)) or places([1.0])[0].scale == 1.0
+    assert places([1.25]) == [Place(1.0, 0.0, (0.0, 0.0, 0.0))]
 
 
 def test_a_place_turns_moves_and_scales_rigidly() -> None:
@@ -98,10 +99,13 @@ def test_a_place_turns_moves_and_scales_rigidly() -> None:
 def test_a_partner_names_no_file_of_this_machine(tmp_path: Path) -> None:
     decoder = Decoder.load(gaussians="16k")
     _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
-    seats = seated("eve")
-    seats.take("eve", "Eve", str(tmp_path / "evil.safetensors"))
-    (tmp_path / "evil.safetensors").write_bytes(b"never opened")
-    Company(decoder, seats).around(own, S)  # opening it would raise
+    mine = shutil.copy(identity.path_of("ada"), tmp_path)
+    shutil.copy(identity.path_of("ada").with_suffix(".json"), tmp_path)
+    seats, colors = seated("eve"), list[np.ndarray]()
+    for avatar in (mine, FALLBACK, "ada"):
+        seats.take("eve", "Eve", str(avatar))
+        colors.append(Company(decoder, seats).around(own, S).colors)
+    assert np.array_equal(colors[0], colors[1]) and not np.array_equal(colors[0], colors[2])
 
 
 @pytest.mark.slow

@@ -3,6 +3,7 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from app.commands.train import Train
@@ -78,6 +79,17 @@ def test_what_a_stage_does_not_take_is_told(
     name = list(given)[-1]
     with pytest.raises(InputError, match=f"--{name}: expected one of the stages .*, got {stage}"):
         Train(stage=stage, out=tmp_path, **given).run()
+
+
+@pytest.mark.parametrize("is_whole", [False, True])
+def test_damaged_face_data_is_told_in_a_line(is_whole: bool, tmp_path: Path) -> None:
+    """Red before: a traceback, of zipfile or of the first array that it lacks."""
+    path = tmp_path / "ict_face.npz"
+    np.savez(path, neutral=np.zeros((4, 3), np.float32))
+    if not is_whole:
+        path.write_bytes(path.read_bytes()[:-100])
+    with pytest.raises(InputError, match=r"ict_face\.npz: expected a whole npz file, got .*; get"):
+        face_data.load(tmp_path)
 
 
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:

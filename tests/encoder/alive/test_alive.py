@@ -215,6 +215,19 @@ def test_the_slow_part_of_a_turn_is_no_work_for_the_eyes(frames: list[SensorFram
     assert rotation.angle_between(UNIT, fast) < radians(0.2)
 
 
+def test_eyes_stay_where_a_turned_head_is_first_tracked_or_found_again(
+    frames: list[SensorFrame],
+) -> None:
+    """Red before: they glanced aside by up to 12 degrees for a second."""
+    state, moved = tracking.TrackState(), list[float]()
+    for k, frame in enumerate(frames[:120]):
+        pose = TURN if k < 60 else HeadPose(quat=rotation.from_angles((0.0, radians(-30), 0.0)))
+        seen = [frame] if 30 <= k < 60 else tracked([frame], pose)
+        _, fast, state = tracking.step(seen[0], REST, state)
+        moved.append(rotation.angle_between(UNIT, fast))
+    assert max(moved) < radians(0.2)
+
+
 def test_eyes_stay_where_a_bowed_head_is_recentred(frames: list[SensorFrame]) -> None:
     """Red before: they glanced aside by up to 12 degrees for a second."""
     bowed = HeadPose(quat=rotation.from_angles((radians(20), radians(12), radians(-4))))

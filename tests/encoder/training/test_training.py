@@ -137,6 +137,9 @@ def test_a_talker_who_is_left_out_is_in_no_window(stages):
     counting = replace(data, weight=data.barred.astype(np.float32))
     for seed in range(20):
         assert not counting.draw(3, 4, np.random.default_rng(seed))[3].any()
+    nobody = replace(data, barred=np.ones_like(data.barred))  # red before: it never ended
+    with pytest.raises(InputError, match="--leave-out: expected .* leave fewer out"):
+        nobody.draw(3, 4, np.random.default_rng(0))
     with pytest.raises(InputError, match="--leave-out: expected one of tone"):
         streams.Streams.load(stages / "streams.npz", FACE, without=("nobody",))
 

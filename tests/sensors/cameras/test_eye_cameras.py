@@ -1,7 +1,9 @@
 """Eye cameras over real HTTP and a real serial line: pictures, failures, and back again."""
 
 import errno
+import socket
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +15,15 @@ from cameras_material import Start, collect, opening
 from material import video, wav
 from waiting import wait_until
 
+from sensors.cameras.camera import EyeCamera
+from sensors.cameras.mjpeg import MjpegLink
 from sensors.cameras.spec import cameras
 from sensors.cameras.table import SCHEMES, CameraTarget
 from sensors.cameras.video import DriverLink, file_pictures
 from sensors.cameras.views import Views
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.live.source import LiveSource
-from sensors.picture import JpegDecoder
+from sensors.picture import CameraLink, CameraLostError, JpegDecoder
 from sensors.session.files import create
 from sensors.standins.eye_pictures import film, jpeg
 from sensors.standins.mjpeg import FAULTS, MjpegServer
@@ -52,6 +56,49 @@ def test_pictures_over_http_are_those_that_were_sent(server: MjpegServer, start:
     assert counters == sorted(set(counters))
     assert times == sorted(set(times))
     assert MonotonicClock().now_ns() > times[-1]
+
+
+def test_an_address_of_ipv6_is_a_host_in_brackets() -> None:
+    """Red before: Host: ::1:8080, which strict servers refuse."""
+    try:
+        listener = socket.create_server(("::1", 0), family=socket.AF_INET6)
+    except OSError:
+        pytest.skip("no IPv6 here")
+    with listener:
+        port = listener.getsockname()[1]
+        link = MjpegLink(f"http://[::1]:{port}/", MonotonicClock())
+        with listener.accept()[0] as client:
+            request = client.recv(4096)
+        link.close()
+    assert f"\r\nHost: [::1]:{port}\r\n".encode() in request
+
+
+def test_a_camera_opened_again_waits_for_the_driver_that_still_holds_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Red before: two threads in one driver, and the first went on after the second began."""
+    monkeypatch.setattr("sensors.cameras.camera.JOIN_S", 0.01)
+    free, inside, most = threading.Event(), list[int](), list[int]()
+
+    def connect() -> CameraLink:
+        inside.append(1)
+        most.append(len(inside))
+        free.wait()
+        inside.pop()
+        raise CameraLostError("gone")
+
+    eyes = EyeCamera("eyes", connect, Views(), MonotonicClock())
+    eyes.open()
+    wait_until(lambda: len(most) == 1, "the first")
+    eyes.close()
+    eyes.open()
+    time.sleep(0.1)
+    assert len(most) == 1
+    free.set()
+    wait_until(lambda: len(most) > 1, "the second")
+    eyes.close()
+    wait_until(lambda: not any(t.name == "eyes" for t in threading.enumerate()), "the end")
+    assert max(most) == 1
 
 
 @pytest.mark.slow
