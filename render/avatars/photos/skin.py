@@ -19,12 +19,13 @@ from scipy.ndimage import (
     maximum_filter,
     minimum_filter,
 )
+from scipy.spatial import KDTree
 
 from render.avatars import scan_texture, textures
 from render.avatars.detail import ATLAS
 from render.avatars.maker import Maker
 from render.avatars.photos import complete, light, whites
-from render.avatars.photos.detector import LEFT_EYE, MOUTH, ON_SKIN, OVAL, RIGHT_EYE
+from render.avatars.photos.detector import BROWS, LEFT_EYE, MOUTH, ON_SKIN, OVAL, RIGHT_EYE
 from render.avatars.photos.fit import FaceFit, PhotoCamera
 from render.avatars.photos.picture import Photo
 from render.avatars.photos.places import PointPlaces
@@ -38,6 +39,7 @@ SLANT = (0.15, 0.5)  # cosines to the viewer: from not at all to fully
 SHARPEST = 8.0  # power of the weights: who sees best decides
 OPENING_PX = 2.0  # around eyes and mouth, what is in them
 FEATHER = 0.05  # share of the face's width over which it fades towards its outline, beside hair
+BROW_MM = 4.5  # from the points of a brow: its hair
 HAIR_TEXELS = 5  # width of a strand's surroundings that it blurs
 MOST_BEND = 0.06  # of the face's width
 FACING = 0.3  # least cosine to the viewer of a point that bends a photograph
@@ -75,7 +77,8 @@ def paint(
         light.evened(color, one.weight, typical * tone)
         for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True)
     ]
-    clean = [w.weight * (1 - hair(c, tone, edge)) for w, c in zip(seen, lit, strict=True)]
+    brows = _on_brows(at, places.of(rest.astype(np.float64)))
+    clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
     return complete.complete(merge(lit, clean), total, at, typical * tone)
 
@@ -201,17 +204,28 @@ def _edge(maker: Maker, at: Doubles) -> Doubles:  # [T, 3] mm -> [T] 0..1
     return np.clip(np.maximum(above, beside), 0, 1)
 
 
-def hair(color: Doubles, tone: Doubles, edge: Doubles) -> Doubles:  # [T, 3], [3], [T] -> [T] 0..1
-    """What is unlike the skin's tone at the face's edge, and what of it reaches in from there."""
+def _on_brows(at: Doubles, points: Doubles) -> NDArray[np.bool_]:  # [T, 3], [468, 3] mm -> [T]
+    """Near the detector's points of a brow, but for its tail, where hair begins that hangs down."""
+    lines = points[np.array(BROWS)[:, 1:]]  # [4, 4, 3]
+    share = np.linspace(0, 1, 8)[:, None, None, None]
+    along = lines[:, :-1] + share * (lines[:, 1:] - lines[:, :-1])
+    return KDTree(along.reshape(-1, 3)).query(at)[0] < BROW_MM
+
+
+def hair(
+    color: Doubles, tone: Doubles, edge: Doubles, brows: NDArray[np.bool_]
+) -> Doubles:  # [T, 3], [3], [T], [T] -> [T] 0..1
+    """What is unlike the skin's tone at the face's edge, and what of it reaches in from there, but
+    for brows."""
     off = np.abs(np.log((color + light.DARK) / (tone + light.DARK))).max(1)
     unlike = 1 - 1 / (1 + (off / light.HUES) ** 4)
-    dark = (unlike > 0.5).reshape(scan_texture.SIZE, -1)
+    dark = ((unlike > 0.5) & ~brows).reshape(scan_texture.SIZE, -1)
     spots = np.empty(dark.shape, np.int32)
     label(dark, output=spots)
     spots = spots.ravel()
     reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
     near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()
-    return np.maximum(edge * unlike, near)
+    return np.maximum(edge * unlike, np.where(brows, 0, near))
 
 
 def _middle(one: Projection) -> Doubles:  # [n, 3]

@@ -178,10 +178,12 @@ def test_hair_that_hangs_into_the_face_is_no_skin_but_brows_are() -> None:
     color = np.tile(tone, (2 * size * size, 1))
     hanging = ((row > 100) & (row < 130) & (column > size + 150)).ravel()
     brow = ((row > 100) & (row < 110) & (np.abs(column - size) < 80)).ravel()
-    color[hanging | brow] *= 0.05
-    hair = skin.hair(color, tone, edge)
+    joined = ((row > 100) & (row < 104) & (column > size) & (column < size + 160)).ravel()
+    color[hanging | brow | joined] *= 0.05
+    hair = skin.hair(color, tone, edge, brow)
     assert hair[hanging].min() == 1
-    assert hair[brow].max() == 0 and hair[~hanging & (edge == 0)].mean() < 0.002
+    assert hair[brow].max() == 0
+    assert hair[~hanging & ~joined & (edge == 0)].mean() < 0.003
 
 
 def test_the_whites_of_the_eyes_tell_the_colour_of_the_light() -> None:
