@@ -55,7 +55,7 @@ def test_training_asks_before_the_state_of_a_stopped_run_is_lost(
     with pytest.raises(InputError, match=r"audio_state\.safetensors, which is kept; add --resume"):
         Train(stage="audio", data=tmp_path, out=tmp_path).run()
     answered(monkeypatch, "")
-    with pytest.raises(InputError, match=r"expected a manifest\.json"):  # not asked
+    with pytest.raises(InputError, match="--resume: expected the state of a run"):  # not asked
         Train(stage="audio", data=tmp_path, out=tmp_path, resume=True).run()
 
 
