@@ -28,10 +28,10 @@ EVENED, WIDE_TEXELS, BEARDED = 0.7, 16.0, 0.5
 LEAST = 0.02  # weight of places around, from which their mean counts
 
 
-def lamps(maker: Maker, vertices: Floats) -> Floats:  # [V, 3] mm -> [N, L]
+def lamps(maker: Maker, vertices: Floats, normals: Floats) -> Floats:  # [V, 3] mm, unit -> [N, L]
     """What each lamp, alone and of brightness one, throws on every Gaussian; last, what reaches
     all alike."""
-    normals, towards = maker.normals(vertices), sky_directions()
+    towards = sky_directions()
     reach = maker.occlusion.from_sides(vertices, normals, towards)
     reach *= np.maximum((normals @ towards.T + WRAP) / (1 + WRAP), 0)
     head = maker.surface
@@ -55,8 +55,7 @@ def cast(
     own, color, typical = lamps[rows].astype(np.float64), color[rows], typical[rows]
     brightness, expected = np.zeros((lamps.shape[1], 3)), np.median(color, 0) * typical
     for _ in range(ROUNDS):
-        off = np.abs(np.log((color + DARK) / (expected + DARK))).max(1)
-        trust = weight[rows] / (1 + (off / HUES) ** 2) ** 2
+        trust = weight[rows] / (1 + (unlikeness(color, expected) / HUES) ** 2) ** 2
         scale = np.sqrt(trust)[:, None] / (expected + DIM * np.median(color, 0))
         for k in range(3):
             design = own * (typical[:, k] * scale[:, k])[:, None]
@@ -72,10 +71,19 @@ def _solved(design: Doubles, wanted: Doubles) -> Doubles:  # [n, L], [n] -> [L] 
     return nnls(root.T, np.linalg.solve(root, design.T @ wanted))[0]
 
 
+def unlikeness(color: Doubles, skin: Doubles) -> Doubles:  # [n, 3], [3] or [n, 3] -> [n]
+    """The largest deviation of a channel's logarithm from skin."""
+    return np.abs(np.log((color + DARK) / (skin + DARK))).max(1)
+
+
+def likeness(color: Doubles, skin: Doubles) -> Doubles:  # [n, 3], [3] or [n, 3] -> [n] 0..1
+    """1 on skin, little on hair."""
+    return 1 / (1 + (unlikeness(color, skin) / HUES) ** 4)
+
+
 def evened(color: Doubles, weight: Doubles, skin: Doubles) -> Doubles:  # [T, 3], [T], [T, 3]
     """Colours less what they differ over wide areas from typical `skin` [T, 3], in part."""
-    off = np.log((color + DARK) / (skin + DARK))
-    trust = weight / (1 + (np.abs(off).max(1) / HUES) ** 4)
+    off, trust = np.log((color + DARK) / (skin + DARK)), weight * likeness(color, skin)
     picture, share = off.reshape(SIZE, 2 * SIZE, 3), trust.reshape(SIZE, 2 * SIZE, 1)
     wide = gaussian_filter(picture * share, (WIDE_TEXELS, WIDE_TEXELS, 0))
     wide /= gaussian_filter(share, (WIDE_TEXELS, WIDE_TEXELS, 0)) + LEAST

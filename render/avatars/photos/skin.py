@@ -60,17 +60,18 @@ def paint(
 ) -> Floats:
     """`rest` [V, 3] mm -> [1024, 2048, 3] 0..1"""
     posed = maker.posing.rest(rest)
-    columns = [rest]
+    faces = list[tuple[Floats, Floats]]()  # vertices and normals of each photograph's face
     for shot in found.shots:
         vertices = maker.posing.pose(shot.expression.astype(np.float32), AHEAD, posed)
-        columns += [vertices, maker.normals(vertices)]
-    values = scan_texture.places(maker, np.concatenate(columns, 1)).astype(np.float64)
-    at, seen, lamps = values[:, :3], list[Projection](), list[Floats]()
+        faces.append((vertices, maker.normals(vertices)))
+    columns = np.concatenate([rest, *(column for face in faces for column in face)], 1)
+    values = scan_texture.places(maker, columns).astype(np.float64)
+    at, *texels = np.split(values, 1 + 2 * len(faces), axis=1)
+    seen, lamps = list[Projection](), list[Floats]()
     for k, (photo, shot) in enumerate(zip(photos, found.shots, strict=True)):
-        where, facing = values[:, 3 + 6 * k : 6 + 6 * k], values[:, 6 + 6 * k : 9 + 6 * k]
-        points, turned = (places.of(c.astype(np.float64)) for c in columns[1 + 2 * k : 3 + 2 * k])
-        seen.append(project(photo, shot, (points, turned), (where, facing)))
-        lamps.append(light.lamps(maker, columns[1 + 2 * k]))
+        points, turned = (places.of(column.astype(np.float64)) for column in faces[k])
+        seen.append(project(photo, shot, (points, turned), (texels[2 * k], texels[2 * k + 1])))
+        lamps.append(light.lamps(maker, *faces[k]))
     tone = np.median(np.concatenate([_middle(p) for p in seen]), 0)
     typical, edge = complete.typical(maker), _edge(maker, at)
     lit = [
@@ -217,8 +218,7 @@ def hair(
 ) -> Doubles:  # [T, 3], [3], [T], [T] -> [T] 0..1
     """What is unlike the skin's tone at the face's edge, and what of it reaches in from there, but
     for brows."""
-    off = np.abs(np.log((color + light.DARK) / (tone + light.DARK))).max(1)
-    unlike = 1 - 1 / (1 + (off / light.HUES) ** 4)
+    unlike = 1 - light.likeness(color, tone)
     dark = ((unlike > 0.5) & ~brows).reshape(scan_texture.SIZE, -1)
     spots = np.empty(dark.shape, np.int32)
     label(dark, output=spots)

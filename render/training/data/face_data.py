@@ -69,10 +69,8 @@ def load(folder: Path) -> FaceData:
             rows = materials == name
             places = eye_places(neutral, z[f"region_eyeball_{side}"], mirrored=side == "r")
             uv[z["uv_tris"][rows]] = places[z["tris"][rows]]
-        names, rig = (
-            [str(name) for name in z["expr_names"]],
-            z["expr"].astype(np.float32) * MM_PER_UNIT,
-        )
+        names = [str(name) for name in z["expr_names"]]
+        rig = z["expr"].astype(np.float32) * MM_PER_UNIT
         rig[names.index("mouthRollLower")] *= ROLLED
         regions = {k.removeprefix("region_"): z[k] for k in z.files if k.startswith("region_")}
         landmarks = z["landmarks68"].astype(np.int32)

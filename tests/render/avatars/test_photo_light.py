@@ -20,7 +20,7 @@ def maker() -> Maker:
 
 def lit_face(maker: Maker) -> tuple[Doubles, Doubles, Doubles]:
     """A face in warm light from one side and dim light from all [N, L], [N, 3], weights [N]."""
-    lamps = light.lamps(maker, maker.template)
+    lamps = light.lamps(maker, maker.template, maker.normals(maker.template))
     towards = sky_directions()
     warm = np.maximum(towards @ [0.8, 0.4, 0.45], 0)[:, None] ** 6 * np.array([1.0, 0.8, 0.5])
     brightness = np.concatenate([warm + 0.01, [[0.02, 0.02, 0.02]]])
@@ -29,7 +29,10 @@ def lit_face(maker: Maker) -> tuple[Doubles, Doubles, Doubles]:
 
 def test_lamps_are_shadowed_by_the_head(maker: Maker) -> None:
     """Light from the left does not reach the right of the nose, though it faces up."""
-    lamps, at = light.lamps(maker, maker.template), complete.anchors(maker)
+    lamps, at = (
+        light.lamps(maker, maker.template, maker.normals(maker.template)),
+        complete.anchors(maker),
+    )
     left = int(np.argmax(sky_directions() @ [0.95, 0.25, 0.2]))
     tip = at[maker.face][np.argmax(at[maker.face][:, 2])]
     for side in (1, -1):
