@@ -20,8 +20,8 @@ class AvatarParts:
     photos: tuple[Path, ...]  # instead: one to five of the person
     texture: Path | None  # skin atlas, 2:1; None: the colours of the scan
     landmarks: Path | None  # JSON of places in the scan, see app/avatars/register.py
-    eye: str  # eye colour
-    hair: str | None  # avatar whose hair is worn
+    eye: str | None  # eye colour; None: as photographed, or USUAL
+    hair: str | None  # avatar whose hair is worn, in the photographed colour
     beard: str | None  # avatar whose beard is worn
 
 
@@ -29,46 +29,57 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     """Write the avatar into `folder`; -> its weights. `replace`: one of that name may be there.
 
     Raises InputError where the name is taken or not one, or a file is not what it should be."""
+    from app.avatars import photos
     from render.avatars.hair_transfer import worn
     from render.avatars.maker import Maker
-    from render.avatars.photos import complete, dress
+    from render.avatars.photos import dress
+    from render.avatars.photos.colors import complete, eyes
     from render.decoder import identity
 
     _check(name, folder, replace)
+    _check_given(parts)
     lender = identity.load(parts.hair) if parts.hair is not None else None
     bearded = identity.load(parts.beard) if parts.beard is not None else None
     maker = Maker()
-    maker.check_eye(parts.eye)
-    geometry, skin = _head(maker, parts)
+    if parts.eye is not None:
+        maker.check_eye(parts.eye)
     if parts.photos:
-        geometry = dress.padded(maker, geometry)
-    who = maker.identity(name, geometry, skin, parts.eye)
+        made = photos.head(maker, parts.photos)
+        geometry, skin = dress.padded(maker, made.geometry), made.skin
+        eye = parts.eye or made.eye
+        if lender and made.hair is not None:
+            lender = dress.dyed(maker, lender, made.hair)
+    else:
+        (geometry, skin), eye = _scanned(maker, parts), parts.eye or eyes.USUAL
+    who = maker.identity(name, geometry, skin, eye)
     if lender:
         who = worn(maker, who, lender)
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if bearded:
         who = dress.bearded(maker, who, bearded)
-    given = {key: _named(value) for key, value in asdict(parts).items()}
+    given = {key: _named(value) for key, value in asdict(parts).items()} | {"eye": eye}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)
     return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
 
 
-def _head(maker: "Maker", parts: AvatarParts) -> "tuple[Floats, Floats]":
-    """Geometry [V, 3] mm and skin atlas [1024, 2048, 3]."""
-    from app.avatars import photos, register
-    from render.avatars import scan
-
+def _check_given(parts: AvatarParts) -> None:
     if (parts.geometry is None) == (not parts.photos):
         got = "both" if parts.photos else "neither"
         raise InputError(f"expected a scan with --geometry, or --photos, got {got}; give one")
-    if parts.geometry is None:
-        if parts.texture or parts.landmarks:
-            raise InputError(
-                "expected --texture and --landmarks with --geometry, got --photos; leave them out"
-            )
-        return photos.head(maker, parts.photos)
+    if parts.photos and (parts.texture or parts.landmarks):
+        raise InputError(
+            "expected --texture and --landmarks with --geometry, got --photos; leave them out"
+        )
+
+
+def _scanned(maker: "Maker", parts: AvatarParts) -> "tuple[Floats, Floats]":
+    """Geometry [V, 3] mm and skin atlas [1024, 2048, 3]."""
+    from app.avatars import register
+    from render.avatars import scan
+
+    assert parts.geometry
     skin = scan.read_texture(parts.texture) if parts.texture else None
     if not scan.is_registered(parts.geometry, maker.faces):
         return register.head(maker, parts.geometry, parts.landmarks, skin)

@@ -5,18 +5,17 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from render.avatars.maker import Maker
-    from render.types import Floats
+    from render.avatars.photos.person import PhotographedHead
 
 
-def head(maker: "Maker", paths: tuple[Path, ...]) -> "tuple[Floats, Floats]":
-    """-> geometry [V, 3] mm, skin atlas [1024, 2048, 3].
-
-    Raises InputError where the detector is not installed, there are too many photographs, or one
+def head(maker: "Maker", paths: tuple[Path, ...]) -> "PhotographedHead":
+    """Raises InputError where the detector is not installed, there are too many photographs, or one
     is no picture, too small, or does not show one face."""
     from tqdm import tqdm
 
-    from render.avatars.photos import person, picture
-    from render.avatars.photos.detector import FaceDetector
+    from render.avatars.photos import person
+    from render.avatars.photos.shape import picture
+    from render.avatars.photos.shape.detector import FaceDetector
 
     detector = FaceDetector()
     photos = picture.load(paths, detector)
@@ -30,4 +29,5 @@ def head(maker: "Maker", paths: tuple[Path, ...]) -> "tuple[Floats, Floats]":
         made = person.make(maker, photos, show)
     seen = "photograph" if len(photos) == 1 else f"{len(photos)} photographs"
     print(f"fitted {seen}: the face's points {made.left_mm:.1f} mm from where they are seen")
-    return made.geometry, made.skin
+    print(f"eyes: {made.eye}" + ("" if made.hair is None else "; the hair's colour is taken over"))
+    return made

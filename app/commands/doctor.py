@@ -46,7 +46,7 @@ def _avatars() -> str:
 
 
 def _photographs() -> str:
-    from render.avatars.photos.detector import FaceDetector
+    from render.avatars.photos.shape.detector import FaceDetector
     from sensors.types import InputError
 
     try:

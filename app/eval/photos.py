@@ -20,7 +20,7 @@ from sensors import files
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from render.avatars.photos.picture import Photo
+    from render.avatars.photos.shape.picture import Photo
     from render.evaluation.photographed import HeldOutSitter, PhotoStudio
     from render.types import Floats
 
@@ -64,8 +64,9 @@ def evaluate(settings: PhotosSettings) -> None:
 
     from app.terminal.thresholds import at_least, at_most, finish
     from render.avatars.maker import Maker
-    from render.avatars.photos import person, places, point_shapes, shapes
-    from render.avatars.photos.detector import FaceDetector
+    from render.avatars.photos import person
+    from render.avatars.photos.shape import places, point_shapes, shapes
+    from render.avatars.photos.shape.detector import FaceDetector
     from render.evaluation import photographed
     from render.gl.contexts import create_context
 

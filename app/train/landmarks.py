@@ -9,7 +9,7 @@ import numpy as np
 from sensors import files
 
 if TYPE_CHECKING:
-    from render.avatars.photos.places import PointPlaces
+    from render.avatars.photos.shape.places import PointPlaces
     from render.training.data.face_data import FaceData
     from render.types import Doubles
 
@@ -33,8 +33,8 @@ def make(face: Path, out: Path | None) -> None:
 def make_table(out: Path | None) -> "PointPlaces":
     """Draw the shipped people, find them, and write the table."""
     from render.avatars.maker import Maker
-    from render.avatars.photos import places
-    from render.avatars.photos.detector import FaceDetector
+    from render.avatars.photos.shape import places
+    from render.avatars.photos.shape.detector import FaceDetector
     from render.decoder import identity
     from render.splats.renderer import create_renderer
 
@@ -52,7 +52,7 @@ def make_shapes(data: "FaceData", table: "PointPlaces", out: Path | None) -> Non
     from render.avatars import registration
     from render.avatars.alignment import similarity
     from render.avatars.maker import Maker
-    from render.avatars.photos import point_shapes
+    from render.avatars.photos.shape import point_shapes
     from render.training.data import people
 
     maker = Maker()

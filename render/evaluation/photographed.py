@@ -15,10 +15,11 @@ from render import cameras
 from render.avatars import hair_transfer, lashes, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import dress, picture
-from render.avatars.photos.detector import FaceDetector
+from render.avatars.photos import dress
 from render.avatars.photos.person import PhotographedHead
-from render.avatars.photos.picture import Photo
+from render.avatars.photos.shape import picture
+from render.avatars.photos.shape.detector import FaceDetector
+from render.avatars.photos.shape.picture import Photo
 from render.decoder import identity
 from render.decoder.beard import joined
 from render.decoder.decoder import Decoder

@@ -12,12 +12,13 @@ from scipy.spatial import KDTree
 
 from render import clothes
 from render.avatars.maker import Maker
-from render.avatars.photos.complete import NAPE_MM, anchors, ramp
+from render.avatars.photos.colors.complete import NAPE_MM, anchors, ramp
+from render.avatars.photos.colors.light import DARK
 from render.decoder import mesh_parts
 from render.decoder.beard import Beard, joined
 from render.decoder.identity import Identity
 from render.lighting import LUMINANCE
-from render.types import Floats
+from render.types import Doubles, Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
 SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
@@ -46,6 +47,18 @@ def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
         visibility=clothes.shaded(who.visibility, maker.template[head.used]),
         beard=joined([who.beard, shirt]),
     )
+
+
+def dyed(maker: Maker, lender: Identity, wanted: Doubles) -> Identity:  # [3] linear albedo
+    """With hair, and roots on the scalp, of this colour."""
+    if not len(lender.hair):
+        return lender
+    own = np.median(lender.hair.albedo.astype(np.float64) ** 2, 0)
+    gain = np.sqrt((wanted + DARK) / (own + DARK))
+    share = roots(maker, lender)[:, None]
+    strands = np.clip(lender.hair.albedo * gain, 0, 1).astype(np.float32)
+    scalp = np.clip(lender.albedo * (1 + share * (gain - 1)), 0, 1).astype(np.float32)
+    return replace(lender, hair=replace(lender.hair, albedo=strands), albedo=scalp)
 
 
 def bearded(maker: Maker, who: Identity, lender: Identity) -> Identity:

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 
 from render.avatars.maker import Maker
-from render.avatars.photos import fit, irises, places, point_shapes, shapes, skin
-from render.avatars.photos.fit import FaceFit
-from render.avatars.photos.picture import Photo
-from render.avatars.photos.places import PointPlaces
-from render.avatars.photos.point_shapes import PointShapes
+from render.avatars.photos.colors import eyes, hair, skin
+from render.avatars.photos.shape import fit, irises, places, point_shapes, shapes
+from render.avatars.photos.shape.fit import FaceFit
+from render.avatars.photos.shape.picture import Photo
+from render.avatars.photos.shape.places import PointPlaces
+from render.avatars.photos.shape.point_shapes import PointShapes
 from render.avatars.registration import Progress
-from render.types import Floats
+from render.types import Doubles, Floats
 from sensors.types import InputError
 
 MOST_LEFT_MM = 4.0  # 1 to 2 is what a face leaves
@@ -19,6 +20,8 @@ MOST_LEFT_MM = 4.0  # 1 to 2 is what a face leaves
 class PhotographedHead:
     geometry: Floats  # [V, 3] mm at rest
     skin: Floats  # [1024, 2048, 3] 0..1
+    eye: str  # colour, a name of Maker.eyes
+    hair: Doubles | None  # [3] linear albedo, where hair is seen
     left_mm: float  # see FaceFit
 
 
@@ -35,9 +38,10 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
         )
     geometry = known.through(found.points).astype("f4")
     progress("skin", 0.4)
-    painted = skin.paint(maker, table, photos, found, geometry)
+    painted, lights, tone = skin.paint(maker, table, photos, found, geometry)
     progress("skin", 1.0)
-    return PhotographedHead(geometry, painted, found.left_mm)
+    hue = hair.color(maker, photos, found, geometry, lights, tone)
+    return PhotographedHead(geometry, painted, eyes.color(photos, lights), hue, found.left_mm)
 
 
 def fitted(maker: Maker, table: PointPlaces, people: PointShapes, photos: list[Photo]) -> FaceFit:

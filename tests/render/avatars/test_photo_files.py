@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageEnhance
 
-from render.avatars.photos import detector, picture
+from render.avatars.photos.shape import detector, picture
 from render.types import Doubles
 from sensors.types import InputError
 

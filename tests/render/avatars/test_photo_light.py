@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from render.avatars.maker import Maker
-from render.avatars.photos import complete, light, skin
+from render.avatars.photos.colors import complete, light, projection, skin
 from render.avatars.scan_texture import SIZE
 from render.decoder import mesh_parts
 from render.gl.occlusion import sky_directions
@@ -68,7 +68,7 @@ def test_photographs_in_different_light_show_one_skin(maker: Maker) -> None:
     lamps, wanted, weight = lit_face(maker)
     color = scan_texture.over_atlas(maker, (wanted * TONE).astype(np.float32)).astype(np.float64)
     seen = scan_texture.over_atlas(maker, weight[:, None].astype(np.float32))[:, 0]
-    one = skin.Projection(color, seen.astype(np.float64))
+    one = projection.Projection(color, seen.astype(np.float64), np.zeros(len(seen), bool))
     typical = np.ones_like(color)
     (out,) = skin.unlit(maker, [one], [lamps], typical, TONE)
     rows = seen > 0.99

@@ -10,18 +10,8 @@ from render import cameras
 from render.avatars import registration, scan_texture
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import (
-    detector,
-    fit,
-    irises,
-    picture,
-    places,
-    point_shapes,
-    shapes,
-    skin,
-    whites,
-)
-from render.lighting import developed
+from render.avatars.photos.colors import skin
+from render.avatars.photos.shape import detector, fit, irises, picture, places, point_shapes, shapes
 from render.types import AHEAD, Doubles
 
 SMILE = {"mouthSmile_L": 0.7, "mouthSmile_R": 0.7, "jawOpen": 0.25}
@@ -184,28 +174,6 @@ def test_hair_that_hangs_into_the_face_is_no_skin_but_brows_are() -> None:
     assert hair[hanging].min() == 1
     assert hair[brow].max() == 0
     assert hair[~hanging & ~joined & (edge == 0)].mean() < 0.003
-
-
-def test_the_whites_of_the_eyes_tell_the_colour_of_the_light() -> None:
-    """A drawn eye in orange light; a shut one tells nothing."""
-    points = np.zeros((detector.POINTS, 2))
-    turn = np.linspace(0, 2 * np.pi, len(detector.LEFT_EYE), endpoint=False)
-    for outline, iris, x in (
-        (detector.LEFT_EYE, detector.LEFT_IRIS, 300.0),
-        (detector.RIGHT_EYE, detector.RIGHT_IRIS, 100.0),
-    ):
-        points[list(outline)] = np.stack([x + 60 * np.cos(turn), 100 + 25 * np.sin(turn)], 1)
-        points[iris : iris + 5] = x, 100
-        points[iris + 1 : iris + 5] += [[22, 0], [0, 22], [-22, 0], [0, -22]]
-    pixels = np.full((200, 400, 3), (60, 40, 30), np.uint8)
-    orange = 0.5 * whites.WHITE * np.array([1.3, 1.0, 0.7])
-    pixels[70:130, 30:370] = np.rint(255 * developed(orange.astype(np.float32)))
-    found = whites.light(picture.Photo("", pixels, None, points))
-    expected = np.array([1.3, 1.0, 0.7]) ** whites.TRUST
-    np.testing.assert_allclose(found / found[1], expected, atol=0.05)
-    assert found @ whites.LUMINANCE == pytest.approx(1.0)
-    points[:, 1] = 100
-    np.testing.assert_array_equal(whites.light(picture.Photo("", pixels, None, points)), 1)
 
 
 @pytest.mark.slow

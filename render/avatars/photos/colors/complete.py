@@ -10,7 +10,6 @@ from render.avatars.scan_texture import SIZE
 from render.decoder import identity
 from render.types import Doubles, Floats
 
-EXPOSURE = 0.62  # linear light on a white face in a photograph as people take them
 KNOWN = 0.25  # weight at which a place is known
 MIRROR_MM = 4.0
 PLAIN = "hugo"  # who has no hair on the scalp; his is a beard
@@ -19,6 +18,7 @@ PLAIN = "hugo"  # who has no hair on the scalp; his is a beard
 ABOVE_MM, BESIDE_MM, CHEEKS_MM = (-16.0, 2.0), (-2.0, 5.0), (5.0, 20.0)
 BEHIND_MM, NAPE_MM = (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
+SMOOTH = 4.0  # texels: typical skin has nobody's freckles
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
 
@@ -62,6 +62,8 @@ def complete(
     color = (known[:, None] * merged + share[:, None] * merged[other]) / (both[:, None] + 1e-9)
     shape = (SIZE, 2 * SIZE)
     weight = both.reshape(shape)
+    even = gaussian_filter(np.log(pattern + 0.002).reshape(*shape, 3), (SMOOTH, SMOOTH, 0))
+    pattern = np.exp(even.reshape(-1, 3)) - 0.002
     # Typical skin takes the low tones of what is known beside it.
     ratio = np.log((color + 0.002) / (pattern + 0.002)).reshape(*shape, 3)
     filled = _spread(ratio, weight).clip(-MOST_SPREAD, MOST_SPREAD)
@@ -69,7 +71,7 @@ def complete(
     soft = gaussian_filter(np.minimum(weight, 1), 3.0)
     soft = np.minimum(soft, weight)[..., None]
     linear = soft * color.reshape(*shape, 3) + (1 - soft) * base
-    return scan_texture.enlarged(np.sqrt(np.clip(linear / EXPOSURE, 0.0, 0.95)))
+    return scan_texture.enlarged(np.sqrt(np.clip(linear, 0.0, 0.9)))
 
 
 def _spread(values: Doubles, weight: Doubles) -> Doubles:  # [H, W, 3], [H, W]

@@ -14,8 +14,8 @@ from scipy.spatial import KDTree
 
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos.places import PointPlaces
-from render.avatars.photos.point_shapes import PointShapes
+from render.avatars.photos.shape.places import PointPlaces
+from render.avatars.photos.shape.point_shapes import PointShapes
 from render.avatars.registration import ATTACHED, SKIN_VERTICES, attached, visible
 from render.decoder import identity
 from render.types import Doubles, Ints

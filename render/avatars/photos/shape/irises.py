@@ -4,9 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from render.avatars.photos.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
-from render.avatars.photos.fit import FaceFit, PhotoCamera
-from render.avatars.photos.picture import Photo
+from render.avatars.photos.shape.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
+from render.avatars.photos.shape.fit import FaceFit, PhotoCamera
+from render.avatars.photos.shape.picture import Photo
 from render.types import Doubles
 
 # Across the detector's rings on drawn people; people's irises have 11.7, with a deviation of 4 %.

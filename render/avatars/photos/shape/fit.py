@@ -11,8 +11,8 @@ import numpy as np
 
 from render.avatars.alignment import rotation
 from render.avatars.maker import Maker
-from render.avatars.photos.places import PointPlaces
-from render.avatars.photos.point_shapes import PointShapes
+from render.avatars.photos.shape.places import PointPlaces
+from render.avatars.photos.shape.point_shapes import PointShapes
 from render.types import Doubles, Ints
 
 LENS_MM, LENS_SPREAD = 45.0, 0.35  # as of a 35 mm film, where it is not told; logarithmic spread

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.avatars import textures
-from render.avatars.photos.detector import ON_SKIN, OVAL, FaceDetector
-from render.avatars.photos.fit import PhotoView
+from render.avatars.photos.shape.detector import ON_SKIN, OVAL, FaceDetector
+from render.avatars.photos.shape.fit import PhotoView
 from render.types import Doubles
 from sensors.types import InputError
 

@@ -25,6 +25,10 @@ HUES = 0.35  # deviation of the logarithm from skin at which a place counts half
 # What is left of the light: of its logarithm so much is taken off, over so many texels; less of it
 # where it is as large as a beard's.
 EVENED, WIDE_TEXELS, BEARDED = 0.7, 16.0, 0.5
+LESS = 0.92  # green and blue, of red, at most
+DARKER, WARM = 0.7, 0.6  # than skin: there so far towards its hue
+SHINES = 0.1  # logarithm
+HUE_TEXELS = 3.0  # a millimetre or two
 LEAST = 0.02  # weight of places around, from which their mean counts
 
 
@@ -90,3 +94,32 @@ def evened(color: Doubles, weight: Doubles, skin: Doubles) -> Doubles:  # [T, 3]
     left = wide.reshape(-1, 3)
     left /= 1 + (np.abs(left).max(1, keepdims=True) / BEARDED) ** 4
     return color * np.exp(-EVENED * left)
+
+
+def matte(color: Doubles, skin: Doubles) -> Doubles:  # [T, 3] linear
+    """With half of what shines: is brighter than typical `skin` [T, 3]."""
+    over = np.log((color.mean(1) + DARK) / (skin.mean(1) + DARK)) - SHINES
+    return color * np.exp(-0.5 * np.maximum(over, 0))[:, None]
+
+
+def soft_hues(color: Doubles, trust: Doubles) -> Doubles:  # [T, 3], [T]
+    """With hues as of the places around that are trusted: a camera keeps those coarser than
+    brightness, and none where it is dazzled."""
+    off = np.log(color + DARK)
+    bright = off.mean(1, keepdims=True)
+    share = trust.reshape(SIZE, 2 * SIZE, 1)
+    hues = gaussian_filter(
+        (off - bright).reshape(SIZE, 2 * SIZE, 3) * share, (*[HUE_TEXELS] * 2, 0)
+    )
+    near = gaussian_filter(share, (*[HUE_TEXELS] * 2, 0)).reshape(-1, 1)
+    hues = (hues.reshape(-1, 3) + LEAST * (off - bright)) / (near + LEAST)
+    return np.maximum(np.exp(bright + hues) - DARK, 0)
+
+
+def natural(color: Doubles, tone: Doubles) -> Doubles:  # [n, 3], [3] linear
+    """Neither skin nor hair is as green or blue as it is red; what is dark in a photograph often
+    is, and beside skin looks so even where it is grey."""
+    dark = (DARKER - color.mean(1) / tone.mean()) / DARKER
+    most = LESS * (tone / tone[0]) ** (WARM * np.clip(dark, 0, 1)[:, None])
+    most[:, 0] = 1
+    return np.minimum(color, color[:, :1] * most)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from render import cameras
 from render.avatars import sheet
 from render.avatars.maker import Maker
-from render.avatars.photos.detector import ON_SKIN, FaceDetector
+from render.avatars.photos.shape.detector import ON_SKIN, FaceDetector
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.types import AHEAD, Camera, Doubles, Floats, Ints, Renderer

@@ -1,0 +1,55 @@
+"""The colour of the hair in photographs."""
+
+import numpy as np
+
+from render.avatars.maker import Maker
+from render.avatars.photos.colors.complete import anchors
+from render.avatars.photos.colors.light import DARK, natural
+from render.avatars.photos.shape.fit import FaceFit
+from render.avatars.photos.shape.picture import Photo
+from render.decoder import mesh_parts
+from render.lighting import exposed
+from render.types import Doubles, Floats
+
+CROWN_MM = 118.0  # height above which, in front of the ears, there is no forehead
+FACING = 0.3  # least cosine to the viewer
+LEAST = 60  # places that tell a colour
+BRIGHT, HUE = 0.5, 0.3  # of the skin: a bald head, or hair in the colour of skin
+GLOSS = 2.0  # brightness of hair in a picture, of its strands
+USUAL = np.array([0.35, -0.05, -0.3])  # hue of most hair, logarithm: half of what is taken
+
+
+def color(
+    maker: Maker,
+    photos: list[Photo],
+    found: FaceFit,
+    rest: Floats,  # [V, 3] mm
+    lights: list[Doubles],  # [3] of each photograph
+    tone: Doubles,  # [3] linear, of the skin
+) -> Doubles | None:  # [3] linear albedo
+    """None where no hair is seen."""
+    head = maker.surface
+    top = anchors(maker)
+    top = (maker.anchor_kinds == mesh_parts.SKIN) & (top[:, 1] > CROWN_MM) & (top[:, 2] > 0)
+    places, normals = (
+        (head.interpolate @ values[head.used])[top].astype(np.float64)
+        for values in (rest, maker.normals(rest))
+    )
+    pixels = list[Doubles]()
+    for photo, shot, light in zip(photos, found.shots, lights, strict=True):
+        height, width = photo.picture.shape[:2]
+        x, px = shot.view(places), shot.project(places, (width, height)).astype(int)
+        facing = -((normals @ shot.turn.T) * x).sum(1) / np.linalg.norm(x, axis=1)
+        inside = ((px >= 0) & (px < np.array([width, height]))).all(1)
+        column, row = px[inside & (facing > FACING * np.linalg.norm(normals, axis=1))].T
+        stored = photo.picture[row, column].astype(np.float32) / np.float32(255)
+        pixels.append(exposed(stored) / light)
+    seen = np.concatenate(pixels)
+    if len(seen) < LEAST:
+        return None
+    middle = natural(np.median(seen, 0)[None] + DARK, tone)[0]
+    off = np.log(middle / tone)
+    if off.mean() > np.log(BRIGHT) and np.abs(off - off.mean()).max() < HUE:
+        return None
+    usual = np.exp(np.log(middle).mean() + USUAL)
+    return np.sqrt(middle * usual) / GLOSS

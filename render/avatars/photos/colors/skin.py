@@ -1,0 +1,136 @@
+"""The skin atlas of a person from photographs.
+
+Each photograph is projected onto the posed head where it is seen (`projection.py`). The light is
+taken off: how bright and coloured it is by what is likely (`exposure.py`), how it falls by lamps
+and shadows (`light.py`). What several show is averaged, what none shows comes from the other side
+of the face, and what is left from how skins vary over heads (`complete.py`).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import label, maximum_filter
+from scipy.spatial import KDTree
+
+from render.avatars import scan_texture, textures
+from render.avatars.detail import ATLAS
+from render.avatars.maker import Maker
+from render.avatars.photos.colors import complete, exposure, light
+from render.avatars.photos.colors.projection import Projection, project
+from render.avatars.photos.shape.detector import BROWS
+from render.avatars.photos.shape.fit import FaceFit
+from render.avatars.photos.shape.picture import Photo
+from render.avatars.photos.shape.places import PointPlaces
+from render.types import AHEAD, Doubles, Floats
+
+SHARPEST = 8.0  # power of the weights: who sees best decides
+BROW_MM = 4.5  # from the points of a brow: its hair
+HAIR_TEXELS = 5  # width of a strand's surroundings that it blurs
+PLAIN = 0.2  # of the face, enough to tell its colour
+DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
+TINY = 1e-9
+
+
+def paint(
+    maker: Maker, places: PointPlaces, photos: list[Photo], found: FaceFit, rest: Floats
+) -> tuple[Floats, list[Doubles], Doubles]:
+    """`rest` [V, 3] mm -> the atlas [1024, 2048, 3] 0..1; the light in each photograph [3], and the
+    skin's tone [3], linear."""
+    posed = maker.posing.rest(rest)
+    faces = list[tuple[Floats, Floats]]()  # vertices and normals of each photograph's face
+    for shot in found.shots:
+        vertices = maker.posing.pose(shot.expression.astype(np.float32), AHEAD, posed)
+        faces.append((vertices, maker.normals(vertices)))
+    columns = np.concatenate([rest, *(column for face in faces for column in face)], 1)
+    values = scan_texture.places(maker, columns).astype(np.float64)
+    at, *texels = np.split(values, 1 + 2 * len(faces), axis=1)
+    seen, lamps = list[Projection](), list[Floats]()
+    for k, (photo, shot) in enumerate(zip(photos, found.shots, strict=True)):
+        points, turned = (places.of(column.astype(np.float64)) for column in faces[k])
+        seen.append(project(photo, shot, (points, turned), (texels[2 * k], texels[2 * k + 1])))
+        lamps.append(light.lamps(maker, *faces[k]))
+    lights, tone = exposure.estimate(maker, photos, [_middle(p) for p in seen])
+    seen = [
+        replace(one, color=one.color / shining) for one, shining in zip(seen, lights, strict=True)
+    ]
+    typical, edge = complete.typical(maker), _edge(maker, at)
+    lit = list[Doubles]()
+    for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True):
+        even = light.evened(color, one.weight, typical * tone)
+        soft = light.soft_hues(even, one.weight * ~one.dazzled)
+        lit.append(light.natural(light.matte(soft, typical * tone), tone))
+    brows = _on_brows(at, places.of(rest.astype(np.float64)))
+    clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
+    total = sum(clean, np.zeros(len(at)))
+    atlas = complete.complete(merge(lit, clean), total, at, typical * tone)
+    return atlas, lights, tone
+
+
+def unlit(
+    maker: Maker, seen: list[Projection], lamps: list[Floats], typical: Doubles, tone: Doubles
+) -> list[Doubles]:  # K of [T, 3] linear
+    """The colours of K photographs in the light that all of them have on skin of this tone."""
+    own = _at_gaussians(maker, typical)
+    found = list[Doubles]()
+    for one, shining in zip(seen, lamps, strict=True):
+        weight = _at_gaussians(maker, one.weight[:, None])[:, 0] * maker.face
+        found.append(light.cast(shining, _at_gaussians(maker, one.color), weight, own))
+    gains = scan_texture.over_atlas(maker, np.concatenate(found, 1).astype(np.float32))
+    each = np.split(gains.astype(np.float64), len(seen), axis=1)
+    return [
+        one.color / (gain / tone).clip(DARK_LIGHT, BRIGHT_LIGHT)
+        for one, gain in zip(seen, each, strict=True)
+    ]
+
+
+def _at_gaussians(maker: Maker, values: Doubles) -> Doubles:  # [T, C] -> [N, C]
+    """What texels have, at the Gaussians; of skin alone."""
+    picture = values.reshape(scan_texture.SIZE, 2 * scan_texture.SIZE, -1).astype(np.float32)
+    return textures.sample(picture, maker.anchor_uv * ATLAS).astype(np.float64)
+
+
+def merge(colors: list[Doubles], weights: list[Doubles]) -> Doubles:  # K of [T, 3], [T] -> [T, 3]
+    """Who sees a place best decides; one that is hardly seen at all has the colour seen there."""
+    best = np.max(weights, axis=0) + TINY
+    shares = [(weight / best) ** SHARPEST for weight in weights]
+    out = np.sum([s[:, None] * c for s, c in zip(shares, colors, strict=True)], 0)
+    return out / (np.sum(shares, 0) + TINY)[:, None]
+
+
+def _edge(maker: Maker, at: Doubles) -> Doubles:  # [T, 3] mm -> [T] 0..1
+    """Where hair may lie over the face: above the brows and at the temples."""
+    wide, high = np.abs(maker.template[maker.regions["brows"], :2]).max(0)
+    above = (at[:, 1] - high + 10) / 8
+    beside = (np.abs(at[:, 0]) - wide + 6) / 6
+    return np.clip(np.maximum(above, beside), 0, 1)
+
+
+def _on_brows(at: Doubles, points: Doubles) -> NDArray[np.bool_]:  # [T, 3], [468, 3] mm -> [T]
+    """Near the detector's points of a brow, but for its tail, where hair begins that hangs down."""
+    lines = points[np.array(BROWS)[:, 1:]]  # [4, 4, 3]
+    share = np.linspace(0, 1, 8)[:, None, None, None]
+    along = lines[:, :-1] + share * (lines[:, 1:] - lines[:, :-1])
+    return KDTree(along.reshape(-1, 3)).query(at)[0] < BROW_MM
+
+
+def hair(
+    color: Doubles, tone: Doubles, edge: Doubles, brows: NDArray[np.bool_]
+) -> Doubles:  # [T, 3], [3], [T], [T] -> [T] 0..1
+    """What is unlike the skin's tone at the face's edge, and what of it reaches in from there, but
+    for brows."""
+    unlike = 1 - light.likeness(color, tone)
+    dark = ((unlike > 0.5) & ~brows).reshape(scan_texture.SIZE, -1)
+    spots = np.empty(dark.shape, np.int32)
+    label(dark, output=spots)
+    spots = spots.ravel()
+    reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
+    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()
+    return np.maximum(edge * unlike, np.where(brows, 0, near))
+
+
+def _middle(one: Projection) -> Doubles:  # [3]
+    """The colour of the face, where it is seen best."""
+    seen = one.weight > 0.7 * one.weight.max()
+    plain = seen & ~one.dazzled
+    return np.median(one.color[plain if plain.sum() > PLAIN * seen.sum() else seen], 0)
