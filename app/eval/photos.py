@@ -54,6 +54,7 @@ class PeopleFigures:
     truth: "list[Floats]" = field(default_factory=list[Any])  # signatures of shapes, as in `made`
     painted: "list[Floats]" = field(default_factory=list[Any])  # skins
     skins: "list[Floats]" = field(default_factory=list[Any])  # true ones
+    eyes: list[bool] = field(default_factory=list[bool])  # their colour was found
     seconds: list[float] = field(default_factory=list[float])  # CPU time of an avatar
     rows: list[Any] = field(default_factory=list[Any])  # of the picture
 
@@ -87,9 +88,11 @@ def evaluate(settings: PhotosSettings) -> None:
         avatar = person.make(maker, sitter.photos[:PAINTED], lambda stage, done: None)
         found.seconds.append(time.process_time() - start)
         found.painted.append(avatar.skin)
+        found.eyes.append(avatar.eye == sitter.eye)
         if settings.picture:
             found.rows.append(studio.beside(sitter, avatar))
     metrics = _of_people(found) | _of_scan(studio, *studio.scan(settings.seed, detector), made_of)
+    metrics[f"{PAINTED}/eye_colour_found"] = float(np.mean(found.eyes))
     metrics["cpu_seconds_median"] = float(np.median(found.seconds))
     for name, value in metrics.items():
         print(f"{name:40s} {value:.3f}")

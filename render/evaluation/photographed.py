@@ -126,9 +126,12 @@ class PhotoStudio:
 
     def beside(self, sitter: HeldOutSitter, found: PhotographedHead) -> NDArray[np.uint8]:
         """[1024, 6144, 3]: three photographs, then the avatar from there, in the same light."""
-        who = self.maker.identity("made", found.geometry, found.skin, sitter.eye)
-        who = replace(who, hair=hair_transfer.transfer(sitter.lender, who))
-        who = dress.dressed(self.maker, who, sitter.lender)
+        lender = sitter.lender
+        if found.hair is not None:
+            lender = dress.dyed(self.maker, lender, found.hair)
+        who = self.maker.identity("made", found.geometry, found.skin, found.eye)
+        who = replace(who, hair=hair_transfer.transfer(lender, who))
+        who = dress.dressed(self.maker, who, lender)
         made = [self.picture(who, sitter.light, yaw) for yaw in YAWS[:3]]
         return np.concatenate([*(p.picture for p in sitter.photos[:3]), *made], 1)
 
