@@ -69,6 +69,8 @@ def test_how_people_differ_is_learned_at_the_places_just_found(
         ("prior", {"precision": "bfloat16"}),
         ("gaze", {"start": Path("weights")}),
         ("audio", {"take": Path("take.csv")}),
+        ("listen", {"stream_minutes": 60.0}),
+        ("multimodal", {"stream_minutes": 60.0}),
         ("peers", {"name": "talkshow", "start": Path("weights")}),  # red before: a traceback
     ],
 )
@@ -76,7 +78,7 @@ def test_what_a_stage_does_not_take_is_told(
     stage: Any, given: dict[str, Any], tmp_path: Path
 ) -> None:
     """Red before: it went unheard."""
-    name = list(given)[-1]
+    name = list(given)[-1].replace("_", "-")
     with pytest.raises(InputError, match=f"--{name}: expected one of the stages .*, got {stage}"):
         Train(stage=stage, out=tmp_path, **given).run()
 
