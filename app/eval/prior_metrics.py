@@ -165,12 +165,10 @@ def scan(judge: "Judge") -> dict[str, float]:
     """An avatar of the LPS scan, which training never saw: time, vertices, pictures."""
     from render import cameras
     from render.evaluation import metrics as prior_metrics
-    from render.training.data import face_data
     from render.types import AHEAD
 
     face = judge.assembly.face
-    z = np.load(face.folder / "ict_face.npz", allow_pickle=False)
-    geometry = face_data.geometry(face, z["ident_lps"])
+    geometry = face.scan()
     skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
     eye = judge.wardrobe.eye("brown")
     start = time.perf_counter()

@@ -94,6 +94,16 @@ def test_damaged_face_data_is_told_in_a_line(is_whole: bool, tmp_path: Path) -> 
         face_data.load(tmp_path)
 
 
+def test_face_data_without_a_scan_are_told_in_a_line(tmp_path: Path) -> None:
+    """Red before: a traceback at the end of `eval prior`, and of `eval photos`."""
+    np.savez(tmp_path / face_data.FILE, neutral=np.zeros((4, 3), np.float32))
+    face = face_data.FaceData(
+        tmp_path, **dict.fromkeys(list(face_data.FaceData.__annotations__)[1:])
+    )  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"ict_face\.npz: expected .*ident_lps.*; get the face"):
+        face.scan()
+
+
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:
     """Red before: expected a file or folder streams.npz, got none; check the path."""
     with pytest.raises(InputError, match=r"streams\.npz: .* `livedrive train diffusion`"):
