@@ -147,12 +147,13 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
     codes = [rig @ decoder.coding.to_code for rig in drawn]
     rows, basis = judge.rig_basis
     weights: list[NDArray[np.float32]] = []
-    for name in identity.shipped()[:NUM_AVATARS]:
-        who = identity.load(name)
+    names = identity.names(judge.weights)
+    for name in names[:NUM_AVATARS]:
+        who = identity.load(name, judge.weights)
         moved = [decoder.vertices(code, AHEAD, who)[rows] - who.geometry[rows] for code in codes]
         rig = prior_metrics.recovered_rig(np.array(moved, np.float32), basis)
         weights.append(arkit.from_rig(rig[:, : len(decoder.rig_names)], decoder.rig_names))
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name, judge.weights) for name in names]
     off = [pupils.error_deg(decoder, judge.splats, who) for who in people]
     return {
         "drawn_pupil_worst_deg": max(off),
@@ -199,11 +200,10 @@ def cost(judge: "Judge") -> dict[str, float]:
     As the tick decodes, into the arrays of the last frame; `fresh`: into new ones.
     """
     from render.decoder import identity
-    from render.evaluation.judge import weights_mb
     from render.types import AHEAD
 
-    who = identity.load(identity.shipped()[0])
-    metrics = {"weights_mb": weights_mb()}
+    who = identity.load(identity.names(judge.weights)[0], judge.weights)
+    metrics = {"weights_mb": (judge.weights / "prior.safetensors").stat().st_size / 1e6}
     for name, decoder, reuse in (
         ("decode_cpu_ms", judge.decoder, True),
         ("decode_fresh_cpu_ms", judge.decoder, False),
