@@ -77,6 +77,7 @@ def thresholds(metrics: dict[str, Any]) -> list[dict[str, Any]]:
         at_most("sound_to_code_p95_ms", metrics["sound_to_code_p95_ms"], 45.0),
         at_least("page_messages", metrics["page_messages"], 1),
         at_least("head_valid_share", metrics["head_valid_share"], 0.9),
+        at_least("eyes_valid_share", metrics["eyes_valid_share"], 0.9),
     ]
 
 
