@@ -3,13 +3,13 @@
 The rig has every ARKit shape but tongueOut, and two sides of browInnerUp and cheekPuff.
 """
 
-import csv
 from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
 
 from render.types import Floats
+from sensors import livelink_table
 from sensors.types import InputError
 
 _SIDED = (
@@ -66,22 +66,7 @@ def read_live_link(path: Path) -> Floats:  # [T, 52]
 
     Raises InputError where it is no such table, or has no face.
     """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = list(csv.reader(file))
-        header = [word[:1].lower() + word[1:] for word in rows[0]] if rows else []
-        columns = [header.index(name) for name in NAMES]
-        full = [row for row in rows[1:] if len(row) >= len(header) and row[columns[0]]]
-        weights = np.array([[float(row[c]) for c in columns] for row in full], np.float32)
-    except (ValueError, csv.Error) as error:
-        raise _no_table(path, str(error)) from None
-    if not full:
-        raise _no_table(path, "no row with a face")
+    weights = livelink_table.read(path, NAMES, livelink_table.WEIGHTS).values.astype(np.float32)
+    if not len(weights):
+        raise InputError(f"{path}: expected a row with a face, got none; record the take anew")
     return weights
-
-
-def _no_table(path: Path, got: str) -> InputError:
-    return InputError(
-        f"Live Link table {path}: expected columns {NAMES[0]}, ... with numbers, got {got}; "
-        "export it from Live Link Face again"
-    )

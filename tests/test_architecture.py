@@ -19,6 +19,7 @@ ALLOWED = {
 }
 # what encoder and render may import
 SHARED = {f"sensors.{name}" for name in ("types", "files", "folders", "rotation", "threads")}
+SHARED |= {"sensors.livelink_table"}
 SOURCES = sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
 
 MAX_MODULES, MAX_LINES, MAX_TEST_LINES = 15, 250, 350

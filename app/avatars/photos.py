@@ -1,5 +1,6 @@
 """A person from photographs on the way to an avatar: progress, what was found."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,9 +18,8 @@ def head(maker: "Maker", paths: tuple[Path, ...]) -> "PhotographedHead":
     from render.avatars.photos.shape import picture
     from render.avatars.photos.shape.detector import FaceDetector
 
-    detector = FaceDetector()
-    photos = picture.load(paths, detector)
-    detector.close()
+    with closing(FaceDetector()) as detector:
+        photos = picture.load(paths, detector)
     with tqdm(total=100, unit="%", disable=None, leave=False) as bar:
 
         def show(stage: str, done: float) -> None:

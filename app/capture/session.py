@@ -50,7 +50,7 @@ def make_session(folder: Path, settings: SessionSettings) -> None:
     from encoder.capture.motion.rules import Style, speech_curves
     from encoder.capture.speech.synthesis import speak_flite
     from render.decoder import identity
-    from sensors.session.recording import RecordingWriter
+    from sensors.session.files import whole
 
     if not settings.text:
         raise InputError(
@@ -75,19 +75,19 @@ def make_session(folder: Path, settings: SessionSettings) -> None:
         "eye_right": "simulated",
         "head": "simulated",
     }
-    with RecordingWriter(
+    with whole(
         folder, created="", devices=devices, eye_codec="x264", audio_format="pcm16"
     ) as writer:
         for packet in _packets(sound, motion, frames, who, settings.seed, rng):
             writer.append(packet)
-    np.savez_compressed(
-        folder / MOTION_FILE,
-        rig=motion.rig[:frames].astype(np.float16),
-        tongue=motion.tongue[:frames].astype(np.float16),
-        gaze=motion.gaze[:frames].astype(np.float16),
-        rig_names=np.array(RIG_NAMES),
-        tongue_names=np.array(TONGUE_NAMES),
-    )
+        np.savez_compressed(
+            folder / MOTION_FILE,
+            rig=motion.rig[:frames].astype(np.float16),
+            tongue=motion.tongue[:frames].astype(np.float16),
+            gaze=motion.gaze[:frames].astype(np.float16),
+            rig_names=np.array(RIG_NAMES),
+            tongue_names=np.array(TONGUE_NAMES),
+        )
     print(f"wrote {folder.resolve()}")
 
 

@@ -56,7 +56,8 @@ class Train:
     data: Path = Path("data")
     """Data pack that `livedrive capture` made."""
     stream_minutes: Amount = None
-    """Minutes of sound for the stages after audio, instead of the stage's default."""
+    """diffusion, distill, contact, regression, emotion, peers: minutes of sound to learn from,
+    instead of the stage's default."""
     out: File = None
     """Folder for the weights; default: beside the code, where the app looks for them."""
     seed: Seed = 0

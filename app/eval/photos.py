@@ -92,6 +92,7 @@ def evaluate(settings: PhotosSettings) -> None:
         if settings.picture:
             found.rows.append(studio.beside(sitter, avatar))
     metrics = _of_people(found) | _of_scan(studio, *studio.scan(settings.seed, detector), made_of)
+    detector.close()
     metrics[f"{PAINTED}/eye_colour_found"] = float(np.mean(found.eyes))
     metrics["cpu_seconds_median"] = float(np.median(found.seconds))
     for name, value in metrics.items():

@@ -21,6 +21,8 @@ class PriorSettings(ReportSettings):
 
     face: Path = Path("face")
     """Folder of the face data."""
+    weights: File = None
+    """Folder by `train prior --out`; default: the shipped weights and avatars."""
     take: File = None
     """A Live Link Face CSV: adds real expressions and a round trip of its weights."""
     people: Count = 8
@@ -35,11 +37,12 @@ def evaluate(settings: PriorSettings) -> None:
     """Print every metric; exit with status 1 where a threshold is missed."""
     from app.eval import prior_metrics
     from app.terminal.thresholds import finish
+    from render.decoder.learned import weights_file
     from render.evaluation.judge import Judge
     from render.gl.contexts import create_context
 
     context = create_context()
-    judge = Judge(settings.face, context)
+    judge = Judge(settings.face, context, settings.weights or weights_file.FOLDER)
     metrics, rows = prior_metrics.held_out(
         judge, settings.take, settings.people, settings.expressions, settings.seed
     )

@@ -147,12 +147,13 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
     codes = [rig @ decoder.coding.to_code for rig in drawn]
     rows, basis = judge.rig_basis
     weights: list[NDArray[np.float32]] = []
-    for name in identity.shipped()[:NUM_AVATARS]:
-        who = identity.load(name)
+    names = identity.names(judge.weights)
+    for name in names[:NUM_AVATARS]:
+        who = identity.load(name, judge.weights)
         moved = [decoder.vertices(code, AHEAD, who)[rows] - who.geometry[rows] for code in codes]
         rig = prior_metrics.recovered_rig(np.array(moved, np.float32), basis)
         weights.append(arkit.from_rig(rig[:, : len(decoder.rig_names)], decoder.rig_names))
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name, judge.weights) for name in names]
     off = [pupils.error_deg(decoder, judge.splats, who) for who in people]
     return {
         "drawn_pupil_worst_deg": max(off),
@@ -165,12 +166,10 @@ def scan(judge: "Judge") -> dict[str, float]:
     """An avatar of the LPS scan, which training never saw: time, vertices, pictures."""
     from render import cameras
     from render.evaluation import metrics as prior_metrics
-    from render.training.data import face_data
     from render.types import AHEAD
 
     face = judge.assembly.face
-    z = np.load(face.folder / "ict_face.npz", allow_pickle=False)
-    geometry = face_data.geometry(face, z["ident_lps"])
+    geometry = face.scan()
     skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
     eye = judge.wardrobe.eye("brown")
     start = time.perf_counter()
@@ -201,11 +200,10 @@ def cost(judge: "Judge") -> dict[str, float]:
     As the tick decodes, into the arrays of the last frame; `fresh`: into new ones.
     """
     from render.decoder import identity
-    from render.evaluation.judge import weights_mb
     from render.types import AHEAD
 
-    who = identity.load(identity.shipped()[0])
-    metrics = {"weights_mb": weights_mb()}
+    who = identity.load(identity.names(judge.weights)[0], judge.weights)
+    metrics = {"weights_mb": (judge.weights / "prior.safetensors").stat().st_size / 1e6}
     for name, decoder, reuse in (
         ("decode_cpu_ms", judge.decoder, True),
         ("decode_fresh_cpu_ms", judge.decoder, False),

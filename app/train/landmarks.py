@@ -1,6 +1,7 @@
 """`livedrive train landmarks`: where the points of the detector of faces lie on the head, and how
 people differ there."""
 
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,11 +39,10 @@ def make_table(out: Path | None) -> "PointPlaces":
     from render.decoder import identity
     from render.splats.renderer import create_renderer
 
-    detector, renderer = FaceDetector(), create_renderer()
     path = out / places.PATH.name if out else places.PATH
-    table = places.make(Maker(), detector, renderer, identity.shipped())
+    with closing(FaceDetector()) as detector, closing(create_renderer()) as renderer:
+        table = places.make(Maker(), detector, renderer, identity.shipped())
     places.save(table, path)
-    renderer.close()
     print(f"wrote {path.resolve()}")
     return table
 

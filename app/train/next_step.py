@@ -36,8 +36,10 @@ def next_command(settings: TrainSettings) -> str:
             words += ["--out", str(settings.out)]
         return f"livedrive {join(words)}"
     if stage == "prior":
-        take = ["--take", str(settings.take)] if settings.take else []
-        return f"livedrive {join(['eval', 'prior', '--face', str(settings.face), *take])}"
+        words = ["eval", "prior", "--face", str(settings.face)]
+        words += ["--take", str(settings.take)] if settings.take else []
+        words += ["--weights", str(settings.out)] if settings.out else []
+        return f"livedrive {join(words)}"
     words = EVALUATE[stage].replace("DATA", data)
     own = stage in WEIGHED and settings.out
     return f"livedrive {words}" + (f" --weights {quote(str(settings.out))}" if own else "")

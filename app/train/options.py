@@ -18,7 +18,8 @@ TAKEN_BY = {
     "face": ("prior", "landmarks"),
     "take": ("prior",),
     "device": NETWORKS,
-    **dict.fromkeys(("steps", "stream_minutes", "resume", "precision", "compile"), OF_ENCODER),
+    "stream_minutes": ("diffusion", "distill", "contact", "regression", "emotion", "peers"),
+    **dict.fromkeys(("steps", "resume", "precision", "compile"), OF_ENCODER),
     **dict.fromkeys(("preset", "data", "seed"), (*NETWORKS, "gaze")),
 }
 

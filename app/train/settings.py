@@ -38,7 +38,7 @@ class TrainSettings:
     face: Path = Path("face")  # of the stage prior: folder of the face data
     take: Path | None = None  # of the stage prior: a Live Link Face table
     data: Path = Path("data")  # data pack of `livedrive capture`
-    stream_minutes: float | None = None  # of sound that a stage after audio learns from
+    stream_minutes: float | None = None  # of sound that a stage with streams learns from
     out: Path | None = None  # folder for weights; None: where the app looks for them
     seed: int = 0
     device: Literal["cpu", "cuda"] = "cpu"

@@ -1,12 +1,14 @@
 """The training stages. Every ablation of the paper is one row of VARIANTS."""
 
 import subprocess
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from app.terminal import confirm
 from app.train import options
 from app.train.settings import TrainSettings
+from sensors import files
 from sensors.types import InputError
 
 if TYPE_CHECKING:
@@ -98,10 +100,14 @@ def _run_prior(settings: TrainSettings) -> None:
     from render.decoder.learned import weights_file
     from render.training import prior
 
-    out, work = settings.out or weights_file.FOLDER, settings.data / f"prior_{settings.preset}"
+    # what is kept between runs follows from all of these
+    name = f"prior_{settings.preset}_{settings.seed}"
+    if settings.take:
+        name += f"_{sha256(files.read_bytes(settings.take)).hexdigest()[:8]}"
     prior.run(
-        settings.face, out, settings.preset, work, settings.take, settings.seed, settings.device
-    )
+        settings.face, settings.out or weights_file.FOLDER, settings.preset, settings.data / name,
+        settings.take, settings.seed, settings.device,
+    )  # fmt: skip
 
 
 def _run_motion(

@@ -41,11 +41,19 @@ def stacked(encoder: AudioEncoder, audio: Tensor) -> Tensor:
     return stack_of(encoder.config)(encoder(audio[..., None]))
 
 
-def kept(path: Path, recipe: str, kind: type[Frames]) -> Frames | None:
-    """What `keep` wrote there, where that is whole and of this recipe; `kind` is its dataclass."""
+def kept(path: Path, recipe: str, kind: type[Frames], *, resumed: bool) -> Frames | None:
+    """What `keep` wrote there, where that is whole and of this recipe; `kind` is its dataclass.
+
+    Raises InputError where a run that is resumed finds what another one heard."""
+    made = recipe
     with suppress(FileNotFoundError, InputError), files.arrays(path, REMOVE) as data:
-        if str(data["recipe"]) == recipe:
+        if (made := str(data["recipe"])) == recipe:
             return kind(**{name: data[name] for name in kind.__annotations__})
+    if resumed and made != recipe:
+        raise InputError(
+            f"--resume: expected what that run heard in {path}, got what another did; repeat its "
+            "settings, or remove that file: it is made anew"
+        )
     return None
 
 

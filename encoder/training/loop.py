@@ -113,6 +113,11 @@ def train(
     state = RunState(modules, optimizer, run)
     if run.resume:
         state.load(run.file)
+        if state.step > steps:  # its card would tell of fewer than were made
+            raise InputError(
+                f"--resume: expected a run of at most {steps} steps in {run.file}, got one of "
+                f"{state.step}; ask for as many with --steps, or run the stage without --resume"
+            )
     device_type = torch.device(run.device).type
     saved_at = time.monotonic()
     bar = tqdm(

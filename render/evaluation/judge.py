@@ -54,7 +54,9 @@ class Subject:
 class Judge:
     """Draws truth and decoded Gaussians side by side."""
 
-    def __init__(self, face_folder: Path, context: GLContext) -> None:
+    def __init__(
+        self, face_folder: Path, context: GLContext, weights: Path = weights_file.FOLDER
+    ) -> None:
         self.assembly = assemblies.build(face_data.load(face_folder))
         face = self.assembly.face
         parts = mesh_parts.build(face.faces, face.uv_faces, face.uv, self.assembly.kinds)
@@ -66,8 +68,9 @@ class Judge:
         self._mesh.set_texture("wrinkles", self.wardrobe.wrinkles)
         self._folds = wrinkles.rig_map(self.assembly.names, len(self.assembly.names))
         self.splats = wrap_context(context)
-        self.decoder = Decoder.load(gaussians="65k")
-        self.maker = Maker(context=context)
+        self.weights = weights
+        self.decoder = Decoder.load(weights, "65k")
+        self.maker = Maker(weights, context)
         self._decoders: dict[Density, Decoder] = {"65k": self.decoder}
         self._dressed: Subject | None = None
 
@@ -161,7 +164,7 @@ class Judge:
     def decoder_of(self, density: Density) -> Decoder:
         """The decoder of so many Gaussians; kept."""
         if density not in self._decoders:
-            self._decoders[density] = Decoder.load(gaussians=density)
+            self._decoders[density] = Decoder.load(self.weights, density)
         return self._decoders[density]
 
     def picture(
@@ -243,8 +246,3 @@ def eye_camera(centre: Floats) -> Camera:
     K = camera.K.copy()
     K[0, 0] = K[1, 1] = SIZE_PX * 900.0 / EYE_SPAN_MM
     return Camera(camera.viewmat, K, SIZE_PX, SIZE_PX, camera.near_mm, (0.0, 0.0, 0.0))
-
-
-def weights_mb(folder: Path = weights_file.FOLDER) -> float:
-    """Size of the decoder's weights, in 10^6 bytes."""
-    return (folder / "prior.safetensors").stat().st_size / 1e6

@@ -97,10 +97,9 @@ class PhotoStudio:
         return HeldOutSitter(geometry, skin, person.eye, who, lender, light, photos)
 
     def scan(self, seed: int, detector: FaceDetector) -> tuple[Floats, list[Photo]]:
-        """A man's scan (LPS) in the identity shapes [V, 3], and its pictures: bald, with lashes."""
+        """The face data's scan [V, 3], and its pictures: bald, with lashes."""
         face, rng = self._assembly.face, np.random.default_rng(seed)
-        shares = np.load(face.folder / "ict_face.npz", allow_pickle=False)["ident_lps"]
-        geometry = face_data.geometry(face, shares)
+        geometry = face.scan()
         skin = face.image("albedo/lps_leeperrysmith.jpg")[..., :3]
         who = self.maker.identity("scan", geometry, skin, "brown")
         who = replace(who, beard=lashes.grow(self.maker.posing, who.rest))

@@ -97,8 +97,9 @@ def run(
     tensors |= teeth.light(
         learn.changes(nets, examples), examples.light[: learn.MAPPED, rows].numpy(), rows
     )
+    taken = " --take TAKE.csv" if take else ""
     common = {
-        "command": f"livedrive train prior --face DIR --preset {preset} --seed {seed}",
+        "command": f"livedrive train prior --face DIR --preset {preset} --seed {seed}{taken}",
         "licence": LICENCE,
         "seed": seed,
     }

@@ -108,6 +108,8 @@ class EyeCamera:
                     link.close()
                     failures = 0 if self.counts.pictures > before else failures
             except (CameraLostError, InputError, OSError) as error:
+                if closing.is_set():
+                    return  # nobody asks any more
                 told = reasons.lost(error) if isinstance(error, OSError) else error
                 self.problem = " ".join(str(told).split())
                 self.state = "waiting"
@@ -121,6 +123,8 @@ class EyeCamera:
         while not closing.is_set():
             try:
                 shot = link.read(READ_S)
+                if closing.is_set():
+                    return  # a late read: the camera stays closed
                 if shot is None:
                     if self._clock.now_ns() - seen_ns > STALL_NS:
                         raise CameraLostError(f"no picture for {STALL_NS // NS} s")

@@ -12,6 +12,7 @@ from sensors.picture import MAX_JPEG_BYTES, CameraLostError
 MAX_HEAD_BYTES = 16_384
 MAX_BUFFER = MAX_JPEG_BYTES + MAX_HEAD_BYTES
 HEAD_END = b"\r\n\r\n"
+CURE = "give the address of the camera's stream, often http://HOST:81/, not of its page"
 
 
 class HttpBody:
@@ -46,11 +47,12 @@ class HttpBody:
         status, *lines = bytes(self._buffer[:end]).decode("latin-1").split("\r\n")
         del self._buffer[: end + len(HEAD_END)]
         if not re.match(r"HTTP/1\.[01] 200\b", status):
-            raise CameraLostError(f"expected HTTP status 200, got {status[:60]!r}")
+            raise CameraLostError(f"expected HTTP status 200, got {status[:60]!r}; {CURE}")
         fields = _fields(lines)
         self.content_type = fields.get("content-type", "")
         if "multipart" not in self.content_type.lower():
-            raise CameraLostError(f"expected multipart pictures, got {self.content_type[:60]!r}")
+            got = f"{self.content_type[:60]!r}"
+            raise CameraLostError(f"expected multipart pictures, got {got}; {CURE}")
         self._chunked = "chunked" in fields.get("transfer-encoding", "").lower()
         return True
 

@@ -7,7 +7,7 @@ bytes between pictures are left out.
 from typing import Any
 
 from sensors.cameras import reasons
-from sensors.picture import JPEG_START, BadPictureError, CameraLostError, JpegDecoder, Shot
+from sensors.picture import JPEG_START, BadPictureError, JpegDecoder, Shot
 from sensors.types import NS, Clock, InputError
 
 BAUD = 3_000_000
@@ -80,7 +80,7 @@ class SerialLink:
             try:
                 data = self._port.read(max(self._port.in_waiting, 1))
             except self._lost as error:
-                raise CameraLostError(f"serial port: {error}") from None
+                raise reasons.lost(error, otherwise=f"serial port: {error}") from None
             pictures = self._framing.feed(data)
             if pictures:
                 arrival_ns = self._clock.now_ns()

@@ -24,12 +24,14 @@ WORDS = {
 }
 
 
-def lost(error: Exception, command: str = LIST) -> CameraLostError:
-    """What to raise where opening a camera has failed like this."""
+def lost(
+    error: BaseException, command: str = LIST, otherwise: str = "it cannot be opened"
+) -> CameraLostError:
+    """What to raise where a camera has failed like this; `otherwise`: words for what has none."""
     if isinstance(error, socket.gaierror):
         words = "nobody knows a machine of that name"
     elif isinstance(error, TimeoutError):
         words = "no answer"
     else:
-        words = WORDS.get(getattr(error, "errno", None) or 0, "it cannot be opened")
+        words = WORDS.get(getattr(error, "errno", None) or 0, " ".join(otherwise.split()))
     return CameraLostError(f"{words}; see: {command}")

@@ -57,7 +57,7 @@ class DriverLink:
         except av_error.InvalidDataError as error:
             raise BadPictureError(str(error)) from None
         except (av_error.FFmpegError, StopIteration, OSError) as error:
-            raise CameraLostError(f"the driver failed: {error}") from None
+            raise reasons.lost(error, otherwise=f"the driver failed {error}") from None
         return Shot(gray(frames[-1]), arrival_ns) if frames else None
 
     def close(self) -> None:

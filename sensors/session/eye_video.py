@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from fractions import Fraction
+from itertools import chain, islice
 from pathlib import Path
 from threading import Event
 from typing import Any, cast
@@ -110,9 +111,10 @@ class EyeVideoReader:
 
         A slice with a wrong FFV1 checksum does decode: FFmpeg patches it and gives no sign of it.
         """
-        if self._pictures is None or number < self._next - 1:
+        if self._pictures is None or not self._next - 1 <= number <= self._next + MAX_GROUP:
             self.close()
-            self._pictures, self._worker = self._decode(), ThreadPoolExecutor(1, "eye video")
+            self._next = number
+            self._pictures, self._worker = self._decode(number), ThreadPoolExecutor(1, "eye video")
             self._read_ahead()
         while self._next <= number:
             assert self._ahead is not None
@@ -148,19 +150,31 @@ class EyeVideoReader:
         except StopIteration:  # which no future can carry
             raise EOFError from None
 
-    def _decode(self) -> Iterator[NDArray[np.uint8] | None]:
+    def _decode(self, first: int) -> Iterator[NDArray[np.uint8] | None]:
         with open_video(self._path) as container:
             container.streams.video[0].codec_context.thread_count = 1
-            yield from pictures_of(container)
+            yield from pictures_of(container, first)
 
 
-def pictures_of(container: Any) -> Iterator[NDArray[np.uint8] | None]:
-    """Every picture [H, W] of a video; None for one that is damaged, so that the numbers of the
-    later ones stay right."""
+def pictures_of(container: Any, first: int = 0) -> Iterator[NDArray[np.uint8] | None]:
+    """Every picture [H, W] of a video from the `first` on; None for one that is damaged, so that
+    the numbers of the later ones stay right."""
+    from av import error as av_error
+
+    group, packets = list[Any](), container.demux(video=0)
+    with suppress(av_error.FFmpegError):
+        for packet in islice(packets, first):  # it is decoded from the last key frame before it
+            if packet.is_keyframe:
+                group.clear()
+            group.append(packet)
+    yield from islice(_decoded(chain(group, packets)), len(group), None)
+
+
+def _decoded(packets: Iterator[Any]) -> Iterator[NDArray[np.uint8] | None]:
     from av import error as av_error
 
     try:
-        for packet in container.demux(video=0):
+        for packet in packets:
             try:
                 frames = packet.decode()
             except av_error.InvalidDataError:

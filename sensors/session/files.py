@@ -4,7 +4,8 @@ Flow: sound and eye videos -> create -> folder -> Recording -> replay_frames.
 """
 
 import heapq
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from sensors import files
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
 from sensors.session.eye_video import count_pictures
-from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, TIMELINE_FILE
+from sensors.session.format import AUDIO_FILE, CARD_FILE, EYE_FILES, MOTION_FILE, TIMELINE_FILE
 from sensors.session.media import eye_pictures, sound_blocks
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import ReplaySource
@@ -65,21 +66,28 @@ def create(
     devices = {"audio": Path(audio).name}
     shown = list(eyes) * 2 if len(eyes) == 1 else eyes
     devices |= {f"eye_{EYE_NAMES[k]}": Path(eye).name for k, eye in enumerate(shown)}
-    made = not folder.exists()
-    writer = RecordingWriter(
+    with whole(
         folder, created=created, devices=devices, eye_codec=eye_codec, audio_format=audio_format
-    )
+    ) as writer:
+        sound = _audio_packets(Path(audio), warnings if heard else [])
+        _write_all(writer, sound, [Path(eye) for eye in eyes], warnings, progress)
+    return info(folder) | {"warnings": warnings}
+
+
+@contextmanager
+def whole(folder: Path, **options: Any) -> Generator[RecordingWriter]:
+    """A writer with these options; nothing is left of a session that fails or is stopped."""
+    made = not folder.exists()
+    writer = RecordingWriter(folder, **options)
     try:
         with files.all_or_nothing(), writer:
-            sound = _audio_packets(Path(audio), warnings if heard else [])
-            _write_all(writer, sound, [Path(eye) for eye in eyes], warnings, progress)
+            yield writer
     except BaseException:
-        for name in (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE):
+        for name in (CARD_FILE, AUDIO_FILE, *EYE_FILES, TIMELINE_FILE, MOTION_FILE):
             (folder / name).unlink(missing_ok=True)
         if made and not any(folder.iterdir()):
             folder.rmdir()
         raise
-    return info(folder) | {"warnings": warnings}
 
 
 def info(folder: str | Path) -> dict[str, Any]:

@@ -29,12 +29,15 @@ class HostileClients:
         self._host, self._port = parts.hostname or LOOPBACK, parts.port or 80
         self._num, self._seconds = num, seconds
         self._rng = np.random.default_rng(seed)
+        self._reached = False
 
     async def run(self) -> None:
         attacks = (self._connect, self._stall, self._flood, self._send_garbage)
         end = asyncio.get_running_loop().time() + self._seconds
         clients = [self._repeat(attacks[k % len(attacks)], end) for k in range(self._num)]
         await asyncio.gather(*clients)
+        if not self._reached:  # the bench sees that this process ends
+            raise ConnectionError(f"nobody listens at {self._address}")
 
     async def _repeat(self, attack: Callable[[], Awaitable[None]], end: float) -> None:
         import aiohttp
@@ -49,6 +52,7 @@ class HostileClients:
 
     async def _connect(self) -> None:
         _, writer = await asyncio.open_connection(self._host, self._port)
+        self._reached = True
         writer.close()
 
     async def _stall(self) -> None:

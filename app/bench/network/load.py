@@ -43,6 +43,7 @@ def measure_hostile_clients(clock: Clock, avatar: str) -> dict[str, Any]:
         "quiet_server_cpu_share": round(float(shares[~attacks & (seconds > 0)].mean()), 3),
         "hostile_server_cpu_share": round(float(shares[attacks].mean()), 3),
         "hostile_refused": load.refused,
+        "hostile_clients_died": int(load.died),
     }
 
 
@@ -58,6 +59,7 @@ class LoadSink:
         self.memory_mb: list[float] = []  # of the server, every second
         self.cpu_s: list[float] = []
         self.refused = 0
+        self.died = False
 
     @property
     def frames(self) -> NDArray[np.int64]:  # [T] the newest frame of each tick
@@ -98,6 +100,7 @@ class LoadSink:
     def close(self) -> None:
         self.refused = self._server.network_report()["page"]["refused"]
         if self._clients:
+            self.died = self._clients.poll() is not None
             self._clients.terminate()
             self._clients.wait()
 

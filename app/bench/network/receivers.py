@@ -36,7 +36,8 @@ def main() -> None:
     listener.start()
     sys.stdin.readline()
     listener.join(5)
-    print(json.dumps({"datagrams": counts, "first": min(frames), "frames": len(set(frames))}))
+    first = min(frames, default=0)
+    print(json.dumps({"datagrams": counts, "first": first, "frames": len(set(frames))}))
 
 
 async def _listen(address: str, frames: list[int]) -> None:

@@ -47,6 +47,7 @@ def measure_web(session: Path, avatar: str, minutes: float) -> dict[str, Any]:
     thresholds += [
         at_most("hostile_tick_p99_change", hostile["hostile_tick_p99_change"], 0.10),
         at_most("hostile_memory_growth_mb", hostile["hostile_memory_growth_mb"], 16.0),
+        at_most("hostile_clients_died", hostile["hostile_clients_died"], 0),
     ]
     return {"avatar": avatar, "metrics": sending | page | hostile, "bars": thresholds}
 

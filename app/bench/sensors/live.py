@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from app.sinks.live_stats import LiveStats
-from app.terminal.thresholds import at_most
+from app.terminal.thresholds import at_least, at_most
 from sensors.types import NS
 
 RECORD_S = 20.0
@@ -56,6 +56,7 @@ def measure_sensors() -> dict[str, Any]:
     thresholds = [
         at_most("sound_to_code_p95_ms", metrics["sound_to_code_p95_ms"], 45.0),
         at_most("record_cpu_percent", metrics["record_cpu_percent"], 25.0),
+        at_least("eyes_valid_share", metrics["eyes_valid_share"], 0.9),
     ]
     return {"metrics": metrics, "bars": thresholds}
 

@@ -57,7 +57,7 @@ class SoakProbe:
         pass
 
     def _sizes(self) -> dict[str, float]:
-        """Of this process, and the memory of those that it has started."""
+        """Of this process, how many it has started that live, and their memory."""
         import psutil
 
         own = self._process
@@ -65,13 +65,15 @@ class SoakProbe:
             "memory_mb": own.memory_info().rss / 2**20,
             "threads": float(own.num_threads()),
             "descriptors": float(_open_files(own)),
+            "children": 0.0,
         }
         for child in own.children():
             try:
                 words = child.cmdline()
                 sizes[f"{_name(words)}_memory_mb"] = child.memory_info().rss / 2**20
-            except psutil.Error:
+            except psutil.Error:  # it has ended
                 continue
+            sizes["children"] += 1
         return sizes
 
 

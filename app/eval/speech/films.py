@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.eval.speech.tables import OFFLINE, SYNTHESISED
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from app.eval.speech.evaluate import SpeechEvaluation
@@ -24,7 +25,7 @@ OURS = "ours"
 
 def save(evaluated: "SpeechEvaluation", folder: Path, twins: dict[str, str]) -> list[Path]:
     """Write the films to folders in `folder` and a page beside them for each twin; returns the
-    pages. twins: title of a row -> name of its folder."""
+    pages. twins: title of a row -> name of its folder. Raises InputError without a clip."""
     from tqdm import tqdm
 
     from app.eval.ab import make_page
@@ -37,6 +38,11 @@ def save(evaluated: "SpeechEvaluation", folder: Path, twins: dict[str, str]) -> 
 
     kinds = [evaluated.kinds[kind] for kind in KINDS if kind in evaluated.kinds]
     segments = [segment for kind in kinds for segment in kind[: CLIPS // len(KINDS)]]
+    if not segments:
+        raise InputError(
+            f"--films: expected held-out clips of {' or '.join(KINDS)} in {evaluated.data}, got "
+            "none; make them with livedrive capture"
+        )
     seed, frames = evaluated.settings.seed, segments[0].frames.stop - segments[0].frames.start
     shown = synthesised_gaze(len(segments), frames, seed).numpy().reshape(-1, frames, 2, 3)
     who, renderer = identity.load(evaluated.settings.avatar), create_renderer()

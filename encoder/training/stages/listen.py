@@ -59,9 +59,9 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     ears = Ears(phones, old.audio, student)
     frames = hear_pack(
         config.pack, ears, recipe, seed=config.run.seed, versions=config.versions,
-        noises=config.noises,
+        noises=config.noises, resumed=config.run.resume,
     )  # fmt: skip
-    among = hear_among(config.pack, ears, recipe, seed=config.run.seed)
+    among = hear_among(config.pack, ears, recipe, seed=config.run.seed, resumed=config.run.resume)
     pieces, voices = (
         SpokenPieces(
             part.without(config.without), Mouth.of(face), batch=config.batch, length=config.frames,

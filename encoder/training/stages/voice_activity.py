@@ -90,11 +90,11 @@ def run(config: VoiceActivityConfig) -> dict[str, float]:
     recipe = f"{checkpoint.load(config.audio, 'audio')[1]['sha256']} {config.run.seed}"
     people = hear(
         config.pack / "activity_people.npz", f"{recipe} {' '.join(config.without)} {config.people}",
-        people_of(config), config.people, phones,
+        people_of(config), config.people, phones, resumed=config.run.resume,
     )  # fmt: skip
     sounds = hear(
         config.pack / "activity_sounds.npz", f"{recipe} {config.people} {config.sounds}",
-        sounds_of(config), config.sounds, phones,
+        sounds_of(config), config.sounds, phones, resumed=config.run.resume,
     )  # fmt: skip
     metrics, curve = train(direct, people, sounds, config)
     facts = {"without": config.without, **config.run.card(metrics, curve)}
@@ -103,10 +103,18 @@ def run(config: VoiceActivityConfig) -> dict[str, float]:
 
 
 def hear(
-    path: Path, recipe: str, crops: Iterable[np.ndarray], count: int, phones: AudioEncoder
+    path: Path,
+    recipe: str,
+    crops: Iterable[np.ndarray],
+    count: int,
+    phones: AudioEncoder,
+    *,
+    resumed: bool,
 ) -> np.ndarray:  # [N, D] float16
-    """What the phonetic encoder makes of sounds [800 T]; kept at `path` for the same recipe."""
-    if (before := kept(path, recipe, HeardFrames)) is not None:
+    """What the phonetic encoder makes of sounds [800 T]; kept at `path` for the same recipe.
+
+    Raises InputError where a run that is resumed finds what another one heard."""
+    if (before := kept(path, recipe, HeardFrames, resumed=resumed)) is not None:
         return before.heard
     rows = list[np.ndarray]()
     for sound in tqdm(crops, path.stem, count, mininterval=2):

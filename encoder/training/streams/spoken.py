@@ -98,26 +98,34 @@ class SpokenFrames:
 
 
 def hear_pack(
-    pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int
+    pack: Path, ears: Ears, recipe: str, *, seed: int, versions: int, noises: int, resumed: bool
 ) -> SpokenFrames:
-    """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same."""
+    """Frames of a pack, from its cache if `recipe`, which identifies the networks, is the same.
+
+    Raises InputError where a run that is resumed finds those of another."""
     recipe = f"{recipe} {seed} {versions} {noises} tongue, plain, syllables, near"
-    heard = _heard(pack / "spoken.npz", recipe, _parts(pack, seed, versions, noises), ears)
+    parts = _parts(pack, seed, versions, noises)
+    heard = _heard(pack / "spoken.npz", recipe, parts, ears, resumed)
     assert heard is not None  # noises at least
     return heard
 
 
-def hear_among(pack: Path, ears: Ears, recipe: str, *, seed: int) -> SpokenFrames | None:
+def hear_among(
+    pack: Path, ears: Ears, recipe: str, *, seed: int, resumed: bool
+) -> SpokenFrames | None:
     """Further versions of tracked clips, if there are any, in all of which other people talk: what
     hears voices learns from them who is near. Kept as those of `hear_pack`."""
-    return _heard(pack / "among.npz", f"{recipe} {seed} among", _among_parts(pack, seed), ears)
+    parts = _among_parts(pack, seed)
+    return _heard(pack / "among.npz", f"{recipe} {seed} among", parts, ears, resumed)
 
 
 Part = tuple[Crop, str, np.random.Generator, bool]  # whose it is, whether it is plain
 
 
-def _heard(path: Path, recipe: str, parts: Iterator[Part], ears: Ears) -> SpokenFrames | None:
-    if (before := kept(path, recipe, SpokenFrames)) is not None:
+def _heard(
+    path: Path, recipe: str, parts: Iterator[Part], ears: Ears, resumed: bool
+) -> SpokenFrames | None:
+    if (before := kept(path, recipe, SpokenFrames, resumed=resumed)) is not None:
         return before
     rows = []
     for part, voice, rng, plain in tqdm(parts, "clips", mininterval=2):

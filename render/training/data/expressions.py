@@ -87,7 +87,7 @@ def gaze(yaw_deg: float, pitch_deg: float) -> Floats:  # [2, 3] unit vectors
 
 def real_take(path: Path | None, names: list[str], held_out: bool) -> Floats:  # [T, 53]
     """Frames of a Live Link Face table, its first part for training; one still frame if none."""
-    if path is None or not path.is_file():
+    if path is None:
         return np.zeros((1, len(names)), np.float32)
     weights = arkit.to_rig(arkit.read_live_link(path), names)
     cut = int(len(weights) * TRAIN_SHARE)

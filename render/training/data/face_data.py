@@ -18,6 +18,7 @@ from render.training.data import crowns, rounding, sex
 from sensors import files
 from sensors.types import InputError
 
+FILE, AGAIN = "ict_face.npz", "get the face data again"
 MM_PER_UNIT = 10.0
 # How far a lower lip rolls in, of what the face data has: all of it hides thin lips, as in f and v.
 ROLLED = 0.65
@@ -53,15 +54,20 @@ class FaceData:
 
         return np.asarray(Image.open(self.folder / name), np.float32) / np.float32(255)
 
+    def scan(self) -> NDArray[np.float32]:  # [V, 3] mm
+        """A man's scan (LPS) in the identity shapes; raises InputError where the data lack it."""
+        with files.arrays(self.folder / FILE, AGAIN) as z:
+            return geometry(self, z["ident_lps"])
+
 
 def load(folder: Path) -> FaceData:
     """Read the face data; raise InputError when the folder does not hold it."""
-    path = folder / "ict_face.npz"
+    path = folder / FILE
     if not path.is_file():
         raise InputError(
             f"face data: expected {path}, got no such file; give the folder with --face DIR"
         )
-    with files.arrays(path, "get the face data again") as z:
+    with files.arrays(path, AGAIN) as z:
         materials = z["materials"].astype(str)[z["tri_material"]]
         neutral = z["neutral"] * MM_PER_UNIT
         uv = z["uv"].copy()

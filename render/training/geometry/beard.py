@@ -1,8 +1,8 @@
 """Beards, procedural: stubble in the skin's own colour, and strands that stand on it.
 
-Where a beard grows is painted on the mean face in millimetres. BeardStyle start upright, lie down
+Where a beard grows is painted on the mean face in millimetres. Strands start upright, lie down
 along the flow of a beard (down the cheeks and the chin, outward over the lips) and are drawn as
-thin Gaussians, darker at the root.
+thin Gaussians.
 """
 
 from dataclasses import dataclass

@@ -57,7 +57,7 @@ def trace(
     stray = rng.normal(0, 1, (SEEDS, 3))[tufts]
     lines = np.full((SEEDS, STEPS, 3), np.nan)
     half = STEPS // 2
-    for sign, steps in ((1, range(half, STEPS)), (-1, range(half - 1, -1, -1))):
+    for sign, steps in ((1, range(half, STEPS)), (-1, range(half, -1, -1))):
         at, alive, last = start.copy(), np.ones(SEEDS, bool), None
         for step in steps:
             distance, near = (np.asarray(x) for x in tree.query(at, k=5))

@@ -70,7 +70,7 @@ class UsbLink:
             except self._usb_timeout:
                 return None
             except self._usb_error as error:
-                raise CameraLostError(f"USB: {error}") from None
+                raise CameraLostError(f"USB: {error}; plug it in again") from None
             damaged = self._payloads.damaged
             picture = self._payloads.feed(payload)
             if picture is not None:

@@ -28,6 +28,8 @@ def test_a_short_soak_gives_the_codes_of_its_own_replay(monkeypatch: pytest.Monk
     assert metrics["eyes_valid_share"] > 0 and metrics["head_valid_share"] > 0
     assert metrics["page_messages"] > 10 and metrics["recording_problem"] == ""
     assert {bar["name"] for bar in report["bars"]} >= {"missed_ticks_percent", "memory_mb_growth"}
+    growth = [bar for bar in report["bars"] if bar["name"].endswith("_growth")]
+    assert all(abs(bar["value"]) < 1e6 for bar in growth)  # measured, whatever it is
 
 
 def test_a_camera_that_never_gives_a_picture_is_a_hang(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -18,4 +18,5 @@ def test_ticks_are_measured_with_a_headset_and_without(monkeypatch: pytest.Monke
     for way in ("on", "window"):
         assert metrics[f"{way}_fps"] > 0 and 0.5 <= metrics[f"{way}_share"] <= 1
     judged = [row["name"] for row in thresholds]
-    assert judged == [f"{way}_{part}" for way in ("on", "window") for part in ticks.PARTS]
+    parts = (*ticks.PARTS, "crashes")
+    assert judged == [f"{way}_{part}" for way in ("on", "window") for part in parts]

@@ -67,9 +67,9 @@ def spoil(path: Path, line: int, text: str) -> Path:
 
 def test_bad_takes_say_what_is_wrong(tmp_path):
     path = tmp_path / "t.csv"
-    with pytest.raises(InputError, match="missing MouthClose"):
+    with pytest.raises(InputError, match="got no MouthClose; record in ARKit mode"):
         read_livelink(write_take(path, names=[n for n in NAMES if n != "MouthClose"]))
-    with pytest.raises(InputError, match="Timecode and JawOpen, got a"):
+    with pytest.raises(InputError, match="got no Timecode, BrowDownLeft, .* and more"):
         read_livelink(spoil(write_take(path), 0, "a,b,c"))
     with pytest.raises(InputError, match=r"24-60 rows a second, got 1\d"):
         read_livelink(write_take(path, step=5))
@@ -91,7 +91,7 @@ def test_bad_takes_say_what_is_wrong(tmp_path):
 def test_a_weight_is_a_number_of_0_to_1(tmp_path, value, got):
     path = write_take(tmp_path / "t.csv")
     row = path.read_text().splitlines()[11].split(",")
-    with pytest.raises(InputError, match=f"line 12: .*weights of 0-1, got {got}"):
+    with pytest.raises(InputError, match=f"line 12: .*numbers from -0.5 to 1.5, got {got}"):
         read_livelink(spoil(path, 11, ",".join([*row[:-1], value])))
 
 
@@ -104,6 +104,20 @@ def test_timecodes_of_every_rate_run_evenly(tmp_path, rate):
         lines[k + 1] = ",".join([code, *line.split(",")[1:]])
     path.write_text("\n".join(lines))
     np.testing.assert_allclose(np.diff(read_livelink(path).times), 1 / rate, atol=1e-6)
+
+
+def test_a_take_over_midnight_goes_on_and_a_lost_face_is_left_out(tmp_path):
+    """Red before: expected time to rise; and that line 3 was to be repaired or deleted."""
+    path = write_take(tmp_path / "t.csv", rows=20)
+    lines = path.read_text().splitlines()
+    codes = [f"23:59:59:{k}.000" for k in range(20, 30)]
+    codes += [f"00:00:00:0{k}.000" for k in range(10)]
+    for k, code in enumerate(codes):
+        lines[k + 1] = ",".join([code, *lines[k + 1].split(",")[1:]])
+    lines[2] = f"{codes[1]},0"
+    path.write_text("\n".join(lines))
+    seen = np.array([0, *range(2, 20)])
+    np.testing.assert_allclose(read_livelink(path).times, seen / 30, atol=1e-6)
 
 
 def test_sound_shorter_than_the_curves_is_refused(tmp_path):

@@ -4,13 +4,14 @@ import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import trimesh
 from PIL import Image
 
-from app.avatars import register
+from app.avatars import photos, register
 from app.commands.avatar import CreateAvatar, ExportAvatar
 from render.avatars import detail, ply, registration, sheet
 from render.avatars.alignment import similarity
@@ -110,6 +111,18 @@ def test_a_scan_or_photographs(files: dict[str, Path]) -> None:
         CreateAvatar(name="me", photos=(files["texture"],), **files).run()
     with pytest.raises(InputError, match="got --photos; leave them out"):
         CreateAvatar(name="me", photos=(files["texture"],), texture=files["texture"]).run()
+
+
+def test_a_photograph_that_is_refused_leaves_no_detector_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: a second one in the same process hung."""
+    opened = Mock()
+    monkeypatch.setattr("render.avatars.photos.detector.FaceDetector", lambda: opened)
+    (tmp_path / "text.jpg").write_text("no picture")
+    with pytest.raises(InputError, match="text.jpg"):
+        photos.head(Mock(), (tmp_path / "text.jpg",))
+    opened.close.assert_called_once()
 
 
 @pytest.mark.skipif(

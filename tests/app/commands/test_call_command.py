@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
 
+import numpy as np
 import pytest
 
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.service import Service
+from app.call.live.tape import CallTape
 from app.call.rooms import janus_server
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.janus import JanusRoom
@@ -30,7 +32,9 @@ from app.main import main
 from app.process import child
 from app.process.channel import pair
 from sensors.clock import MonotonicClock
-from sensors.types import InputError
+from sensors.live.recorder import LiveRecorder
+from sensors.session.format import read_card
+from sensors.types import AudioPacket, InputError
 
 INVITE = f"livedrive://127.0.0.1:9/#{'A' * 22}.{'A' * 43}"
 WORDS = {"host": ["call", "host"], "join": ["call", "join", INVITE]}
@@ -148,19 +152,29 @@ def test_nobody_is_let_in_without_a_loudspeaker(
         theirs.close()
 
 
-def test_a_recording_is_finished_when_the_run_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_recording_is_finished_when_the_run_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Red before: the session stayed as it is while it is written."""
-    tape, link, parts = Mock(), Mock(), Mock()
+    link, live_run = Mock(), Mock()  # the others consent: what a Mock holds is true
+    live_run.build = lambda tape, *_: tape
+    live_run.open_recorder = lambda folder: LiveRecorder(folder, created="", devices={}, tell=print)
+
+    def fails(tape: CallTape) -> None:
+        tape.append(AudioPacket(0, 0, np.zeros(480, np.float32)))
+        raise OSError(28, "disk full")
+
     monkeypatch.setattr("app.compose.call.open_call", lambda _: link)
-    monkeypatch.setattr("app.compose.call.with_call", lambda *_: parts)
-    monkeypatch.setattr("app.compose.live_run.LiveRun", Mock())
-    monkeypatch.setattr("app.call.live.tape.CallTape", lambda *_: tape)
-    monkeypatch.setattr("app.drive.loop.drive", Mock(side_effect=OSError(28, "disk full")))
+    monkeypatch.setattr("app.compose.call.with_call", lambda parts, _: parts)
+    monkeypatch.setattr("app.compose.live_run.LiveRun", lambda *_: live_run)
+    monkeypatch.setattr("app.drive.loop.drive", fails)
+    monkeypatch.setattr("app.commands.meet.keys.listen", Mock())
     monkeypatch.setattr(Join, "live_drive_settings", Mock())
     monkeypatch.setattr(Join, "live_settings", Mock())
     with pytest.raises(OSError, match="disk full"):
-        Join(invite=INVITE, name="ann").run()
-    tape.close.assert_called_once()
+        Join(invite=INVITE, name="ann", record=tmp_path / "take").run()
+    card = read_card(tmp_path / "take")
+    assert card["closed"] and card["counts"] == {"audio": 480}
     link.close.assert_called_once()
 
 

@@ -18,6 +18,7 @@ from app.eval.speech.settings import SpeechSettings
 from app.train.settings import Baseline
 from encoder.capture import dataset
 from encoder.capture.motion.channels import JAW_OPEN, RIG_NAMES
+from encoder.evaluation import rows
 from encoder.training.peers.kinds import load_peer
 from encoder.training.peers.parts import PeerName
 from sensors.types import InputError
@@ -58,7 +59,9 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def train(data: Path, stage: str, **more: object) -> None:
-    settings = {"preset": "debug", "data": data, "out": data / "weights", "stream_minutes": 0.5}
+    settings = {"preset": "debug", "data": data, "out": data / "weights"}
+    if stage != "audio":
+        settings["stream_minutes"] = 0.5
     Train(stage=stage, **settings | more).run()  # type: ignore[arg-type]
 
 
@@ -84,7 +87,7 @@ def test_the_twins_stand_beside_ours(data, tmp_path):
             "offline/DiffPoseTalk without style", "offline/DiffPoseTalk with style (hypothetical)",
         ):  # fmt: skip
             for metric in ("lve_mm", "fdd_mm", "lip_sync_mm"):
-                assert report["metrics"][f"{kind}/{row}/{metric}"] >= 0
+                assert report["metrics"][f"{kind}/{row}/{metric}"] > 0
     assert report["peers"]["talkshow"]["budget"]["steps"] == 2
     assert report["peers"]["talkshow"]["command"] == (
         "livedrive train peers --preset debug --name talkshow --stream-minutes 0.5"
@@ -108,6 +111,13 @@ def test_films_are_pairs_to_vote_on(data, tmp_path, monkeypatch):
         assert abs(float(video.duration) / av.time_base - 100 / 30) < 0.1
         loudest = max(float(np.abs(sound.to_ndarray()).max()) for sound in video.decode(audio=0))
         assert loudest > 0.1
+
+
+def test_films_of_no_clips_are_an_error(data, tmp_path, monkeypatch):
+    """Red before: an IndexError."""
+    monkeypatch.setattr(rows, "held_out_segments", lambda *_: {})
+    with pytest.raises(InputError, match="--films: expected held-out clips .* livedrive capture"):
+        evaluate(data, peers=data / "peers", films=tmp_path)
 
 
 def test_a_folder_without_twins_is_an_error(data, tmp_path):

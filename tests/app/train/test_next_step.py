@@ -36,8 +36,9 @@ def test_every_stage_has_one(stage: Any) -> None:
             "eval speech data --leave-one-out --mocap DIR",
         ),
         (
-            TrainSettings(stage="prior", face=Path("my face"), take=Path("t.csv")),
-            "eval prior --face 'my face' --take t.csv",  # red before: without the take
+            TrainSettings(stage="prior", face=Path("my face"), take=Path("t.csv"), out=Path("w")),
+            # red before: without the take, and of the shipped weights
+            "eval prior --face 'my face' --take t.csv --weights w",
         ),
         (TrainSettings(stage="distill", variant="no-dmd"), "eval speech data --ablations"),
         (  # red before: eval speech, which knows of no emotion

@@ -69,6 +69,8 @@ def test_how_people_differ_is_learned_at_the_places_just_found(
         ("prior", {"precision": "bfloat16"}),
         ("gaze", {"start": Path("weights")}),
         ("audio", {"take": Path("take.csv")}),
+        ("listen", {"stream_minutes": 60.0}),
+        ("multimodal", {"stream_minutes": 60.0}),
         ("peers", {"name": "talkshow", "start": Path("weights")}),  # red before: a traceback
     ],
 )
@@ -76,7 +78,7 @@ def test_what_a_stage_does_not_take_is_told(
     stage: Any, given: dict[str, Any], tmp_path: Path
 ) -> None:
     """Red before: it went unheard."""
-    name = list(given)[-1]
+    name = list(given)[-1].replace("_", "-")
     with pytest.raises(InputError, match=f"--{name}: expected one of the stages .*, got {stage}"):
         Train(stage=stage, out=tmp_path, **given).run()
 
@@ -90,6 +92,16 @@ def test_damaged_face_data_is_told_in_a_line(is_whole: bool, tmp_path: Path) -> 
         path.write_bytes(path.read_bytes()[:-100])
     with pytest.raises(InputError, match=r"ict_face\.npz: expected a whole npz file, got .*; get"):
         face_data.load(tmp_path)
+
+
+def test_face_data_without_a_scan_are_told_in_a_line(tmp_path: Path) -> None:
+    """Red before: a traceback at the end of `eval prior`, and of `eval photos`."""
+    np.savez(tmp_path / face_data.FILE, neutral=np.zeros((4, 3), np.float32))
+    face = face_data.FaceData(
+        tmp_path, **dict.fromkeys(list(face_data.FaceData.__annotations__)[1:])
+    )  # type: ignore[arg-type]
+    with pytest.raises(InputError, match=r"ict_face\.npz: expected .*ident_lps.*; get the face"):
+        face.scan()
 
 
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:

@@ -219,13 +219,16 @@ def test_a_pack_without_tracked_talkers_is_heard_and_what_was_cut_is_heard_anew(
     )  # fmt: skip
     shard = dataset.write_shard(tmp_path / "one", [clip])
     dataset.write_manifest(tmp_path, [shard], {})
-    ears, more = Deaf(), {"seed": 0, "versions": 1, "noises": 1}
-    assert hear_among(tmp_path, ears, "recipe", seed=0) is None  # type: ignore[arg-type]
+    ears, more = Deaf(), {"seed": 0, "versions": 1, "noises": 1, "resumed": False}
+    assert hear_among(tmp_path, ears, "recipe", seed=0, resumed=False) is None  # type: ignore[arg-type]
     first = hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
     assert len(first.lengths) == ears.asked == 2
     made = tmp_path / "spoken.npz"
     made.write_bytes(made.read_bytes()[:900])
     again = hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
     assert ears.asked == 4 and np.array_equal(again.rig, first.rig)
-    hear_pack(tmp_path, ears, "recipe", **more)  # type: ignore[arg-type]
+    hear_pack(tmp_path, ears, "recipe", **more | {"resumed": True})  # type: ignore[arg-type]
     assert ears.asked == 4
+    with pytest.raises(InputError, match="--resume: expected what that run heard in .*spoken"):
+        # red before: what it heard was lost, and hours, before its state was refused
+        hear_pack(tmp_path, ears, "recipe", **more | {"resumed": True, "versions": 2})  # type: ignore[arg-type]

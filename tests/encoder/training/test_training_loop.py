@@ -220,6 +220,14 @@ def test_resuming_with_other_settings_says_so(tmp_path):
         train({"other": nn.Linear(3, 1)}, replace(run, resume=True))
 
 
+def test_a_run_is_not_resumed_to_fewer_steps_than_it_has_made(tmp_path):
+    """Red before: its weights were written with a card that told of fewer."""
+    run = loop.RunSettings(state=tmp_path / "state")
+    train(make(), run, steps=3)
+    with pytest.raises(InputError, match="at most 2 steps .* got one of 3; ask for as many"):
+        train(make(), replace(run, resume=True), steps=2)
+
+
 def test_a_loss_that_is_no_number_ends_the_run_before_it_spoils_the_weights(tmp_path):
     modules, run = make(), loop.RunSettings(state=tmp_path / "state")
 

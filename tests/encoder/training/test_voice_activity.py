@@ -102,7 +102,7 @@ def test_crops_are_heard_once_for_each_recipe(tmp_path) -> None:
     phones = AudioEncoder(replace(AUDIO["phonetic-debug"], past_ticks=2))
 
     def hear(recipe: str, crops: Iterable[np.ndarray]) -> np.ndarray:
-        return voice_activity.hear(tmp_path / "heard.npz", recipe, crops, 3, phones)
+        return voice_activity.hear(tmp_path / "heard.npz", recipe, crops, 3, phones, resumed=False)
 
     first = hear("one", voice_activity.people_of(config))
     assert len(first) == 3 * 40 and first.dtype == np.float16

@@ -69,6 +69,19 @@ def test_a_piece_that_crosses_the_hair_is_no_hair() -> None:
     assert np.flatnonzero(~kept).tolist() == [2010]
 
 
+def test_a_strand_goes_evenly_through_where_it_was_begun(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: it stood still there for a step, and pieces were a step too short."""
+    monkeypatch.setattr(trace, "SEEDS", 200)
+    monkeypatch.setattr(trace, "SAMPLES", 4000)
+    a, b, c, d = (-50, 65, -100), (50, 65, -100), (50, -35, -100), (-50, -35, -100)
+    cards, white = np.array([(a, b, c), (a, c, d)], np.float32), np.ones((4, 4, 4), np.float32)
+    down, uv = np.tile(np.array([0, -1, 0], np.float32), (2, 1)), np.full((2, 3, 2), 0.5, "f4")
+    pieces = trace.trace(cards, uv, white, down, 1, np.random.default_rng(0))
+    same = pieces.strand[1:] == pieces.strand[:-1]
+    apart = np.linalg.norm(np.diff(pieces.middles, axis=0), axis=1)[same]
+    assert len(apart) > 2000 and apart.min() > 0.8 * trace.STEP_MM
+
+
 def test_a_peak_on_the_crown_is_lowered() -> None:
     rng = np.random.default_rng(0)
     out = rng.normal(0, 1, (4000, 3)) * (0.4, 0.1, 0.4) + (0, 1, 0)

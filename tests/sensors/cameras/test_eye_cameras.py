@@ -23,7 +23,7 @@ from sensors.cameras.video import DriverLink, file_pictures
 from sensors.cameras.views import Views
 from sensors.clock import ManualClock, MonotonicClock
 from sensors.live.source import LiveSource
-from sensors.picture import CameraLink, CameraLostError, JpegDecoder
+from sensors.picture import CameraLink, CameraLostError, JpegDecoder, Shot
 from sensors.session.files import create
 from sensors.standins.eye_pictures import film, jpeg
 from sensors.standins.mjpeg import FAULTS, MjpegServer
@@ -31,6 +31,7 @@ from sensors.standins.serial_camera import SerialCamera
 from sensors.types import NS, EyePacket, InputError
 
 FILM = film(12)
+FILM_PICTURE = JpegDecoder()(FILM[0])
 
 
 @pytest.fixture
@@ -99,6 +100,33 @@ def test_a_camera_opened_again_waits_for_the_driver_that_still_holds_it(
     eyes.close()
     wait_until(lambda: not any(t.name == "eyes" for t in threading.enumerate()), "the end")
     assert max(most) == 1
+
+
+@pytest.mark.parametrize("ends", ["a picture", "a failure"])
+def test_a_late_read_leaves_a_closed_camera_closed(
+    ends: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: it was live, or waiting, for good."""
+    monkeypatch.setattr("sensors.cameras.camera.JOIN_S", 0.01)
+    inside, free = threading.Event(), threading.Event()
+
+    class Late(CameraLink):
+        def read(self, timeout_s: float) -> Shot:
+            inside.set()
+            free.wait()
+            if ends == "a failure":
+                raise CameraLostError("gone")
+            return Shot(FILM_PICTURE, 0)
+
+        def close(self) -> None: ...
+
+    eyes = EyeCamera("eyes", Late, Views(), ManualClock())
+    eyes.open()
+    assert inside.wait(20)
+    eyes.close()
+    free.set()
+    wait_until(lambda: not any(t.name == "eyes" for t in threading.enumerate()), "the end")
+    assert (eyes.state, eyes.poll()) == ("closed", [])
 
 
 @pytest.mark.slow

@@ -119,3 +119,10 @@ def test_a_picture_without_content_is_no_eye() -> None:
     for flat in (np.full((400, 400), 7, np.uint8), np.zeros((8, 8), np.uint8)):
         with pytest.raises(BadPictureError):
             check_content(flat)
+
+
+@pytest.mark.parametrize("head", ["404 Not Found", "200 OK\r\nContent-Type: text/html"])
+def test_the_page_of_a_camera_is_no_stream_of_it(head: str) -> None:
+    """Red before: told what was expected and got, and not what to give instead."""
+    with pytest.raises(CameraLostError, match="; give the address of the camera's stream"):
+        HttpBody().feed(f"HTTP/1.1 {head}\r\n\r\n".encode())

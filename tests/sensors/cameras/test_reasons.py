@@ -2,11 +2,13 @@
 
 import errno
 import socket
+from collections.abc import Iterator
 
 import pytest
 
 from sensors.cameras import reasons
 from sensors.cameras.spec import cameras
+from sensors.cameras.video import DriverLink
 from sensors.clock import MonotonicClock
 from sensors.picture import CameraLostError
 
@@ -48,3 +50,19 @@ def test_a_missing_camera_is_told_in_plain_words(spec: str, told: str) -> None:
 )
 def test_every_failure_has_words(error: Exception, words: str) -> None:
     assert str(reasons.lost(error)) == f"{words}; see: livedrive devices"
+
+
+def test_a_camera_that_is_pulled_out_is_told_with_what_to_type() -> None:
+    """Red before: the driver failed: [Errno 19] No such device: '/dev/video0'."""
+
+    def packets() -> Iterator[object]:
+        raise OSError(errno.ENODEV, "No such device", "/dev/video0")
+        yield
+
+    link = DriverLink.__new__(DriverLink)
+    link._packets, link._jpeg = packets(), True  # noqa: SLF001
+    with pytest.raises(CameraLostError, match="it is not there; see: livedrive devices"):
+        link.read(0.1)
+    link._packets = iter(())  # noqa: SLF001
+    with pytest.raises(CameraLostError, match="the driver failed; see: livedrive devices"):
+        link.read(0.1)

@@ -12,7 +12,7 @@ from source_contract import check_source, drain
 
 from sensors.assemble import Assembler
 from sensors.clock import ManualClock
-from sensors.session import recording
+from sensors.session import eye_video, recording
 from sensors.session.files import create
 from sensors.session.recording import Recording, RecordingWriter
 from sensors.session.replay import MAX_POLL_SAMPLES, ReplaySource
@@ -79,6 +79,33 @@ def test_at_the_pace_of_the_clock_pictures_are_decoded_when_they_are_nearly_due(
             ahead.result(10)
         opened.close()
         assert time.monotonic() - start < 30
+
+
+@pytest.mark.parametrize("codec", ["ffv1", "x264"])
+def test_a_jump_decodes_from_the_last_key_frame(
+    codec: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: a jump back of a frame decoded all of the session before it, within a tick."""
+    count = 320
+    writer = eye_video.EyeVideoWriter(tmp_path / "eye.mkv", codec)
+    for k in range(count):
+        writer.append(np.full((400, 400), k % 200, np.uint8), k * NS // 30)
+    writer.close()
+    reader = eye_video.EyeVideoReader(tmp_path / "eye.mkv")
+    decoded = list[int]()
+    plain = eye_video.gray
+    monkeypatch.setattr(eye_video, "gray", lambda frame: decoded.append(0) or plain(frame))
+    levels = [
+        int(image[200, 200]) for k in range(count) if (image := reader.picture(k)) is not None
+    ]
+    for number in (318, 310, 309, 12, 11, 319, 0, 290):
+        decoded.clear()
+        image = reader.picture(number)
+        assert image is not None and int(image[200, 200]) == levels[number]
+        group = 30 if codec == "ffv1" else 250
+        assert len(decoded) <= group + 3
+    assert len(levels) == count and reader.picture(count) is None
+    reader.close()
 
 
 @pytest.mark.slow
