@@ -3,6 +3,7 @@
 import numpy as np
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
+from scipy.spatial.distance import cdist
 
 from render.avatars import scan_texture
 from render.avatars.maker import Maker
@@ -19,6 +20,8 @@ ABOVE_MM, BESIDE_MM, CHEEKS_MM = (-16.0, 2.0), (-2.0, 5.0), (5.0, 20.0)
 BEHIND_MM, NAPE_MM = (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 SMOOTH = 4.0  # texels: typical skin has nobody's freckles
+SOURCES, NEAR_MM = 1500, 4.0  # places that tell of the unseen; up to there all count alike
+DARK = 0.002  # added to linear colours before logarithms
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
 
@@ -46,6 +49,7 @@ def ramp(values: Doubles, start: float, end: float) -> Doubles:  # [n] -> [n] 0.
 
 
 def complete(
+    maker: Maker,
     merged: Doubles,  # [T, 3] linear
     total: Doubles,  # [T] how well it is seen
     at: Doubles,  # [T, 3] mm
@@ -61,28 +65,36 @@ def complete(
     both = known + share
     color = (known[:, None] * merged + share[:, None] * merged[other]) / (both[:, None] + 1e-9)
     shape = (SIZE, 2 * SIZE)
-    weight = both.reshape(shape)
-    even = gaussian_filter(np.log(pattern + 0.002).reshape(*shape, 3), (SMOOTH, SMOOTH, 0))
-    pattern = np.exp(even.reshape(-1, 3)) - 0.002
+    even = gaussian_filter(np.log(pattern + DARK).reshape(*shape, 3), (SMOOTH, SMOOTH, 0))
+    even = even.reshape(-1, 3)
     # Typical skin takes the low tones of what is known beside it.
-    ratio = np.log((color + 0.002) / (pattern + 0.002)).reshape(*shape, 3)
-    filled = _spread(ratio, weight).clip(-MOST_SPREAD, MOST_SPREAD)
-    base = pattern.reshape(*shape, 3) * np.exp(filled)
+    near = carried(at, np.log(color + DARK) - even, both, anchors(maker).astype(np.float64))
+    filled = scan_texture.over_atlas(maker, near.clip(-MOST_SPREAD, MOST_SPREAD).astype("f4"))
+    base = np.exp(even + filled) - DARK
+    weight = both.reshape(shape)
     soft = gaussian_filter(np.minimum(weight, 1), 3.0)
-    soft = np.minimum(soft, weight)[..., None]
-    linear = soft * color.reshape(*shape, 3) + (1 - soft) * base
+    soft = np.minimum(soft, weight).reshape(-1, 1)
+    linear = (soft * color + (1 - soft) * base).reshape(*shape, 3)
     return scan_texture.enlarged(np.sqrt(np.clip(linear, 0.0, 0.9)))
 
 
-def _spread(values: Doubles, weight: Doubles) -> Doubles:  # [H, W, 3], [H, W]
-    """Known values carried into what is not known: the coarser, the farther away."""
-    out, left = np.zeros_like(values), np.zeros_like(weight)
-    for sigma in (4.0, 10.0, 24.0, 60.0, 150.0):
-        share = gaussian_filter(weight, sigma)
-        blurred = gaussian_filter(values * weight[..., None], (sigma, sigma, 0))
-        take = np.clip(share * 4, 0, 1) * (1 - left)
-        out += take[..., None] * blurred / (share[..., None] + 1e-6)
-        left += take
+def carried(
+    at: Doubles,  # [T, 3] mm
+    values: Doubles,  # [T, C]
+    weight: Doubles,  # [T] 0..1, known
+    places: Doubles,  # [n, 3] mm
+) -> Doubles:  # [n, C]
+    """Known values carried to places where they are not: over the head, whatever the atlas cuts;
+    the coarser, the farther away."""
+    rows = np.flatnonzero(weight > 0.5)
+    if not len(rows):
+        return np.zeros((len(places), values.shape[1]))
+    rows = rows[:: max(1, len(rows) // SOURCES)]
+    out = np.empty((len(places), values.shape[1]))
+    for start in range(0, len(places), 4096):
+        part = slice(start, start + 4096)
+        share = (cdist(places[part], at[rows], "sqeuclidean") + NEAR_MM**2) ** -1.5
+        out[part] = share @ values[rows] / share.sum(1, keepdims=True)
     return out
 
 

@@ -9,6 +9,7 @@ from PIL import Image, ImageDraw
 from scipy.interpolate import RBFInterpolator
 from scipy.ndimage import distance_transform_edt, map_coordinates, minimum_filter
 
+from render.avatars import textures
 from render.avatars.photos.shape.detector import LEFT_EYE, MOUTH, ON_SKIN, OVAL, RIGHT_EYE
 from render.avatars.photos.shape.fit import PhotoCamera
 from render.avatars.photos.shape.picture import Photo
@@ -23,6 +24,8 @@ OPENING_PX = 2.0  # around eyes and mouth, what is in them
 FEATHER = 0.05  # share of the face's width over which it fades towards its outline, beside hair
 MOST_BEND = 0.06  # of the face's width
 FACING = 0.3  # least cosine to the viewer of a point that bends a photograph
+TEXELS, SOFT = 330, 0.4  # across a face; of one, the blur that leaves nothing finer
+GRAIN_PX = 0.6  # blur of small photographs, whose finest is noise
 DAZZLED = 0.95  # stored; what is brighter is told too roughly
 
 
@@ -55,7 +58,8 @@ def project(
     weight = np.clip((cosine - SLANT[0]) / (SLANT[1] - SLANT[0]), 0, 1) * inside
     weight *= _in_front(px, x[:, 2], size, front)
     weight *= _mask(photo)[row.astype(int), column.astype(int)]
-    stored = photo.picture.astype(np.float32) / np.float32(255)
+    blur = max(GRAIN_PX, SOFT * float(np.ptp(photo.points[list(OVAL), 0])) / TEXELS)
+    stored = textures.soft(photo.picture.astype(np.float32) / np.float32(255), blur)
     linear = exposed(np.minimum(stored, np.float32(DAZZLED)))
     at = [moved[:, 1] - 0.5, moved[:, 0] - 0.5]
     color = [map_coordinates(linear[..., c], at, order=1, mode="nearest") for c in range(3)]

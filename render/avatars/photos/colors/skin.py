@@ -55,6 +55,7 @@ def paint(
         replace(one, color=one.color / shining) for one, shining in zip(seen, lights, strict=True)
     ]
     typical, edge = complete.typical(maker), _edge(maker, at)
+    own = scan_texture.places(maker, maker.template).astype(np.float64)  # on the mean face
     lit = list[Doubles]()
     for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True):
         even = light.evened(color, one.weight, typical * tone)
@@ -63,7 +64,7 @@ def paint(
     brows = _on_brows(at, places.of(rest.astype(np.float64)))
     clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
-    atlas = complete.complete(merge(lit, clean), total, at, typical * tone)
+    atlas = complete.complete(maker, merge(lit, clean), total, own, typical * tone)
     return atlas, lights, tone
 
 
