@@ -118,7 +118,7 @@ def test_a_photograph_that_is_refused_leaves_no_detector_open(
 ) -> None:
     """Red before: a second one in the same process hung."""
     opened = Mock()
-    monkeypatch.setattr("render.avatars.photos.detector.FaceDetector", lambda: opened)
+    monkeypatch.setattr("render.avatars.photos.shape.detector.FaceDetector", lambda: opened)
     (tmp_path / "text.jpg").write_text("no picture")
     with pytest.raises(InputError, match="text.jpg"):
         photos.head(Mock(), (tmp_path / "text.jpg",))

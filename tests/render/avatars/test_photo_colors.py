@@ -127,11 +127,14 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
         photo = Photo("", stored.astype(np.uint8), None, np.zeros((detector.POINTS, 2)))
         return hair.color(maker, [photo], found, maker.template, [np.ones(3)], TONE)
 
+    grey = seen(np.array([0.09, 0.11, 0.1]))  # greenish, as cameras and light make it
+    assert grey is not None
+    np.testing.assert_allclose(grey / grey[0], 1, atol=0.02)
     ginger = seen(np.array([0.3, 0.09, 0.03]))
     assert ginger is not None
-    assert ginger[0] > 2 * ginger[1] > 2 * ginger[2]
+    np.testing.assert_allclose(ginger / ginger[0], [1, 0.25, 0.1], atol=0.04)
     assert seen(TONE) is None
     lender = identity.load("greta")
     dyed = dress.dyed(maker, lender, ginger)
-    np.testing.assert_allclose(np.median(dyed.hair.albedo**2, 0), ginger, rtol=0.15)
+    np.testing.assert_allclose(np.median(dyed.hair.albedo**2, 0), ginger, rtol=0.1, atol=0.005)
     assert np.abs(dyed.albedo - lender.albedo)[maker.face].mean() < 0.02

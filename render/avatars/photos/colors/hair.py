@@ -4,7 +4,7 @@ import numpy as np
 
 from render.avatars.maker import Maker
 from render.avatars.photos.colors.complete import anchors
-from render.avatars.photos.colors.light import DARK, natural
+from render.avatars.photos.colors.light import DARK
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
 from render.decoder import mesh_parts
@@ -16,7 +16,8 @@ FACING = 0.3  # least cosine to the viewer
 LEAST = 60  # places that tell a colour
 BRIGHT, HUE = 0.5, 0.3  # of the skin: a bald head, or hair in the colour of skin
 GLOSS = 2.0  # brightness of hair in a picture, of its strands
-USUAL = np.array([0.35, -0.05, -0.3])  # hue of most hair, logarithm: half of what is taken
+# Hue of hair, logarithm: from grey over brown to this, and somewhat beyond.
+GINGER, REDDEST = np.array([1.3, -0.2, -1.1]), 1.1
 
 
 def color(
@@ -47,9 +48,10 @@ def color(
     seen = np.concatenate(pixels)
     if len(seen) < LEAST:
         return None
-    middle = natural(np.median(seen, 0)[None] + DARK, tone)[0]
+    middle = np.median(seen, 0) + DARK
     off = np.log(middle / tone)
     if off.mean() > np.log(BRIGHT) and np.abs(off - off.mean()).max() < HUE:
         return None
-    usual = np.exp(np.log(middle).mean() + USUAL)
-    return np.sqrt(middle * usual) / GLOSS
+    bright = np.log(middle).mean()
+    red = float(np.clip((np.log(middle) - bright) @ GINGER / (GINGER @ GINGER), 0, REDDEST))
+    return np.exp(bright + red * GINGER) / GLOSS
