@@ -95,7 +95,7 @@ def test_a_dazzled_place_has_the_hue_of_the_skin_around_and_half_of_its_shine() 
     spot[200:204, 300:304] = True
     spot = spot.ravel()
     color[spot], trust[spot] = 1.2, 0
-    soft = light.soft_hues(color, trust)
+    soft = light.soft_hues(color, trust, np.tile(TONE, (len(color), 1)))
     hue = np.tile(TONE / TONE[0], (int(spot.sum()), 1))
     np.testing.assert_allclose(soft[spot] / soft[spot][:, :1], hue, atol=0.06)
     np.testing.assert_allclose(soft[~spot], color[~spot], rtol=1e-6)
@@ -127,7 +127,7 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
         photo = Photo("", stored.astype(np.uint8), None, np.zeros((detector.POINTS, 2)))
         return hair.color(maker, [photo], found, maker.template, [np.ones(3)], TONE)
 
-    grey = seen(np.array([0.09, 0.11, 0.1]))  # greenish, as cameras and light make it
+    grey = seen(np.array([0.36, 0.4, 0.38]))  # greenish, as cameras and light make it
     assert grey is not None
     np.testing.assert_allclose(grey / grey[0], 1, atol=0.02)
     ginger = seen(np.array([0.3, 0.09, 0.03]))

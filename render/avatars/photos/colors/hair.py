@@ -18,6 +18,7 @@ BRIGHT, HUE = 0.5, 0.3  # of the skin: a bald head, or hair in the colour of ski
 GLOSS = 2.0  # brightness of hair in a picture, of its strands
 # Hue of hair, logarithm: from grey over brown to this, and somewhat beyond.
 GINGER, REDDEST = np.array([1.3, -0.2, -1.1]), 1.1
+GREY, BROWN = 0.35, 0.27  # as bright is grey hair; what is darker is rather brown: so much of it
 
 
 def color(
@@ -54,4 +55,6 @@ def color(
         return None
     bright = np.log(middle).mean()
     red = float(np.clip((np.log(middle) - bright) @ GINGER / (GINGER @ GINGER), 0, REDDEST))
+    if bright < np.log(GREY):
+        red = max(red, (red + BROWN) / 2)
     return np.exp(bright + red * GINGER) / GLOSS

@@ -102,18 +102,16 @@ def matte(color: Doubles, skin: Doubles) -> Doubles:  # [T, 3] linear
     return color * np.exp(-0.5 * np.maximum(over, 0))[:, None]
 
 
-def soft_hues(color: Doubles, trust: Doubles) -> Doubles:  # [T, 3], [T]
-    """With hues as of the places around that are trusted: a camera keeps those coarser than
-    brightness, and none where it is dazzled."""
-    off = np.log(color + DARK)
-    bright = off.mean(1, keepdims=True)
+def soft_hues(color: Doubles, trust: Doubles, skin: Doubles) -> Doubles:  # [T, 3], [T], [T, 3]
+    """With hues as of the places around that are trusted, typical where none are: a camera keeps
+    those coarser than brightness, and none where it is dazzled."""
+    own, usual = (np.log(some + DARK).reshape(SIZE, 2 * SIZE, 3) for some in (color, skin))
+    bright = own.mean(2, keepdims=True)
+    own, usual = own - bright, usual - usual.mean(2, keepdims=True)
     share = trust.reshape(SIZE, 2 * SIZE, 1)
-    hues = gaussian_filter(
-        (off - bright).reshape(SIZE, 2 * SIZE, 3) * share, (*[HUE_TEXELS] * 2, 0)
-    )
-    near = gaussian_filter(share, (*[HUE_TEXELS] * 2, 0)).reshape(-1, 1)
-    hues = (hues.reshape(-1, 3) + LEAST * (off - bright)) / (near + LEAST)
-    return np.maximum(np.exp(bright + hues) - DARK, 0)
+    around = gaussian_filter(own * share, (HUE_TEXELS, HUE_TEXELS, 0)) + LEAST * usual
+    near = gaussian_filter(share, (HUE_TEXELS, HUE_TEXELS, 0)) + LEAST
+    return np.maximum(np.exp(bright + around / near) - DARK, 0).reshape(-1, 3)
 
 
 def natural(color: Doubles, tone: Doubles) -> Doubles:  # [n, 3], [3] linear

@@ -26,6 +26,7 @@ MOST_BEND = 0.06  # of the face's width
 FACING = 0.3  # least cosine to the viewer of a point that bends a photograph
 TEXELS, SOFT = 330, 0.4  # across a face; of one, the blur that leaves nothing finer
 GRAIN_PX = 0.6  # blur of small photographs, whose finest is noise
+LESS_TOLD = 0.35  # of the light, where the camera is dazzled
 DAZZLED = 0.95  # stored; what is brighter is told too roughly
 
 
@@ -36,6 +37,11 @@ class Projection:
     color: Doubles  # [T, 3] linear, lit
     weight: Doubles  # [T] 0..1 how well it is seen
     dazzled: NDArray[np.bool_]  # [T] as bright as the camera can tell
+
+    @property
+    def told(self) -> Doubles:  # [T] 0..1
+        """How much it tells of the light."""
+        return self.weight * np.where(self.dazzled, LESS_TOLD, 1)
 
 
 def project(

@@ -27,7 +27,7 @@ from render.types import AHEAD, Doubles, Floats
 SHARPEST = 8.0  # power of the weights: who sees best decides
 BROW_MM = 4.5  # from the points of a brow: its hair
 HAIR_TEXELS = 5  # width of a strand's surroundings that it blurs
-PLAIN = 0.2  # of the face, enough to tell its colour
+PLAIN = 0.6  # of the face, enough to tell its colour
 DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
 
@@ -58,8 +58,8 @@ def paint(
     own = scan_texture.places(maker, maker.template).astype(np.float64)  # on the mean face
     lit = list[Doubles]()
     for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True):
-        even = light.evened(color, one.weight, typical * tone)
-        soft = light.soft_hues(even, one.weight * ~one.dazzled)
+        even = light.evened(color, one.told, typical * tone)
+        soft = light.soft_hues(even, one.weight * ~one.dazzled, typical * tone)
         lit.append(light.natural(light.matte(soft, typical * tone), tone))
     brows = _on_brows(at, places.of(rest.astype(np.float64)))
     clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
@@ -75,7 +75,7 @@ def unlit(
     own = _at_gaussians(maker, typical)
     found = list[Doubles]()
     for one, shining in zip(seen, lamps, strict=True):
-        weight = _at_gaussians(maker, one.weight[:, None])[:, 0] * maker.face
+        weight = _at_gaussians(maker, one.told[:, None])[:, 0] * maker.face
         found.append(light.cast(shining, _at_gaussians(maker, one.color), weight, own))
     gains = scan_texture.over_atlas(maker, np.concatenate(found, 1).astype(np.float32))
     each = np.split(gains.astype(np.float64), len(seen), axis=1)
