@@ -38,10 +38,15 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
         )
     geometry = known.through(found.points).astype("f4")
     progress("skin", 0.4)
-    painted, lights, tone = skin.paint(maker, table, photos, found, geometry)
+    painted = skin.paint(maker, table, photos, found, geometry)
     progress("skin", 1.0)
-    hue = hair.color(maker, photos, found, geometry, lights, tone)
-    return PhotographedHead(geometry, painted, eyes.color(photos, lights), hue, found.left_mm)
+    return PhotographedHead(
+        geometry=geometry,
+        skin=painted.atlas,
+        eye=eyes.color(photos, painted.lights),
+        hair=hair.color(maker, photos, found, geometry, painted),
+        left_mm=found.left_mm,
+    )
 
 
 def fitted(maker: Maker, table: PointPlaces, people: PointShapes, photos: list[Photo]) -> FaceFit:

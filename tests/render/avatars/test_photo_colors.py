@@ -6,6 +6,7 @@ import pytest
 from render.avatars.maker import Maker
 from render.avatars.photos import dress
 from render.avatars.photos.colors import exposure, eyes, hair, light, whites
+from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape import detector, fit
 from render.avatars.photos.shape.picture import Photo
 from render.avatars.scan_texture import SIZE
@@ -125,7 +126,8 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
     def seen(linear: Doubles) -> Doubles | None:
         stored = np.rint(255 * developed(np.tile(linear, (512, 512, 1)).astype(np.float32)))
         photo = Photo("", stored.astype(np.uint8), None, np.zeros((detector.POINTS, 2)))
-        return hair.color(maker, [photo], found, maker.template, [np.ones(3)], TONE)
+        skin = PaintedSkin(np.zeros((1, 2, 3), np.float32), [np.ones(3)], TONE)
+        return hair.color(maker, [photo], found, maker.template, skin)
 
     grey = seen(np.array([0.36, 0.4, 0.38]))  # greenish, as cameras and light make it
     assert grey is not None

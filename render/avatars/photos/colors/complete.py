@@ -7,6 +7,7 @@ from scipy.spatial.distance import cdist
 
 from render.avatars import scan_texture
 from render.avatars.maker import Maker
+from render.avatars.photos.colors.light import DARK
 from render.avatars.scan_texture import SIZE
 from render.decoder import identity
 from render.types import Doubles, Floats
@@ -21,7 +22,6 @@ BEHIND_MM, NAPE_MM = (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 SMOOTH = 4.0  # texels: typical skin has nobody's freckles
 SOURCES, NEAR_MM = 1500, 4.0  # places that tell of the unseen; up to there all count alike
-DARK = 0.002  # added to linear colours before logarithms
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
 

@@ -39,9 +39,10 @@ def estimate(
         total[own, own] += usual
         pull[own] += usual @ np.full(3, BRIGHTNESS)
         if seen := whites.light(photo):
-            trust = np.linalg.inv(_spread(*seen[1:]))
+            shining, hue = seen
+            trust = np.linalg.inv(_spread(hue, whites.BRIGHTNESS_SPREAD))
             total[own, own] += trust
-            pull[own] += trust @ seen[0]
+            pull[own] += trust @ shining
         both = np.tile(np.eye(3), 2) / SAME_SPREAD  # skin and light make the face's colour
         rows = np.r_[0:3, own]
         total[np.ix_(rows, rows)] += both.T @ both

@@ -5,6 +5,7 @@ import numpy as np
 from render.avatars.maker import Maker
 from render.avatars.photos.colors.complete import anchors
 from render.avatars.photos.colors.light import DARK
+from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
 from render.decoder import mesh_parts
@@ -26,8 +27,7 @@ def color(
     photos: list[Photo],
     found: FaceFit,
     rest: Floats,  # [V, 3] mm
-    lights: list[Doubles],  # [3] of each photograph
-    tone: Doubles,  # [3] linear, of the skin
+    skin: PaintedSkin,
 ) -> Doubles | None:  # [3] linear albedo
     """None where no hair is seen."""
     head = maker.surface
@@ -38,7 +38,7 @@ def color(
         for values in (rest, maker.normals(rest))
     )
     pixels = list[Doubles]()
-    for photo, shot, light in zip(photos, found.shots, lights, strict=True):
+    for photo, shot, light in zip(photos, found.shots, skin.lights, strict=True):
         height, width = photo.picture.shape[:2]
         x, px = shot.view(places), shot.project(places, (width, height)).astype(int)
         facing = -((normals @ shot.turn.T) * x).sum(1) / np.linalg.norm(x, axis=1)
@@ -50,7 +50,7 @@ def color(
     if len(seen) < LEAST:
         return None
     middle = np.median(seen, 0) + DARK
-    off = np.log(middle / tone)
+    off = np.log(middle / skin.tone)
     if off.mean() > np.log(BRIGHT) and np.abs(off - off.mean()).max() < HUE:
         return None
     bright = np.log(middle).mean()

@@ -6,7 +6,7 @@ and shadows (`light.py`). What several show is averaged, what none shows comes f
 of the face, and what is left from how skins vary over heads (`complete.py`).
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,11 +32,20 @@ DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
 
 
+@dataclass(frozen=True)
+class PaintedSkin:
+    atlas: Floats  # [1024, 2048, 3] 0..1
+    lights: list[Doubles]  # [3] linear, in each photograph
+    tone: Doubles  # [3] linear, of the face
+
+
 def paint(
-    maker: Maker, places: PointPlaces, photos: list[Photo], found: FaceFit, rest: Floats
-) -> tuple[Floats, list[Doubles], Doubles]:
-    """`rest` [V, 3] mm -> the atlas [1024, 2048, 3] 0..1; the light in each photograph [3], and the
-    skin's tone [3], linear."""
+    maker: Maker,
+    places: PointPlaces,
+    photos: list[Photo],
+    found: FaceFit,
+    rest: Floats,  # [V, 3] mm
+) -> PaintedSkin:
     posed = maker.posing.rest(rest)
     faces = list[tuple[Floats, Floats]]()  # vertices and normals of each photograph's face
     for shot in found.shots:
@@ -55,7 +64,7 @@ def paint(
         replace(one, color=one.color / shining) for one, shining in zip(seen, lights, strict=True)
     ]
     typical, edge = complete.typical(maker), _edge(maker, at)
-    own = scan_texture.places(maker, maker.template).astype(np.float64)  # on the mean face
+    on_mean = scan_texture.places(maker, maker.template).astype(np.float64)
     lit = list[Doubles]()
     for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True):
         even = light.evened(color, one.told, typical * tone)
@@ -64,8 +73,8 @@ def paint(
     brows = _on_brows(at, places.of(rest.astype(np.float64)))
     clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
-    atlas = complete.complete(maker, merge(lit, clean), total, own, typical * tone)
-    return atlas, lights, tone
+    atlas = complete.complete(maker, merge(lit, clean), total, on_mean, typical * tone)
+    return PaintedSkin(atlas, lights, tone)
 
 
 def unlit(

@@ -20,8 +20,8 @@ WHITE = np.array([-0.94, -1.05, -1.16])
 HUE_SPREAD, BRIGHTNESS_SPREAD, OF_PIXELS = 0.1, 0.5, 2.5
 
 
-def light(photo: Photo) -> tuple[Doubles, float, float] | None:
-    """Logarithms [3], and the spreads of their hue and brightness; None where eyes are shut."""
+def light(photo: Photo) -> tuple[Doubles, float] | None:
+    """Logarithms [3], and the spread of their hue; None where eyes are shut."""
     eyes = (LEFT_EYE, LEFT_IRIS), (RIGHT_EYE, RIGHT_IRIS)
     parts = [in_eye(photo, *eye, EDGE_PX) for eye in eyes]
     pixels = np.concatenate([colors[off > IRIS] for colors, off in parts])
@@ -33,7 +33,7 @@ def light(photo: Photo) -> tuple[Doubles, float, float] | None:
     pixels = pixels[(brightness >= low) & (brightness <= high)] + DARK
     redness = pixels[:, 0] / pixels[:, 1]
     seen = np.log(np.median(pixels[redness <= np.median(redness)], 0))
-    return seen - WHITE, float(np.hypot(HUE_SPREAD, OF_PIXELS / np.sqrt(count))), BRIGHTNESS_SPREAD
+    return seen - WHITE, float(np.hypot(HUE_SPREAD, OF_PIXELS / np.sqrt(count)))
 
 
 def in_eye(
