@@ -70,7 +70,7 @@ def project(
     at = [moved[:, 1] - 0.5, moved[:, 0] - 0.5]
     color = [map_coordinates(linear[..., c], at, order=1, mode="nearest") for c in range(3)]
     lit = np.stack(color, 1).astype(np.float64)
-    return Projection(lit, weight, lit.max(1) > 0.99 * exposed(np.float32(DAZZLED)))
+    return Projection(lit, weight, lit.max(1) > 0.99 * exposed(np.full(1, DAZZLED, np.float32))[0])
 
 
 def _towards(normals: Doubles, x: Doubles) -> Doubles:
