@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import label, maximum_filter
+from scipy.ndimage import gaussian_filter, label, maximum_filter
 from scipy.spatial import KDTree
 
 from render.avatars import scan_texture, textures
@@ -26,7 +26,7 @@ from render.types import AHEAD, Doubles, Floats
 
 SHARPEST = 8.0  # power of the weights: who sees best decides
 BROW_MM = 4.5  # from the points of a brow: its hair
-HAIR_TEXELS = 5  # width of a strand's surroundings that it blurs
+HAIR_TEXELS = 7  # width of a strand's surroundings that it blurs
 PLAIN = 0.6  # of the face, enough to tell its colour
 DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
@@ -135,8 +135,9 @@ def hair(
     label(dark, output=spots)
     spots = spots.ravel()
     reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
-    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()
-    return np.maximum(edge * unlike, np.where(brows, 0, near))
+    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).astype(np.float64)
+    beside = np.maximum(near, gaussian_filter(near, HAIR_TEXELS / 2)).ravel()
+    return np.maximum(edge * unlike, np.where(brows, 0, beside))
 
 
 def _middle(one: Projection) -> Doubles:  # [3]
