@@ -79,6 +79,8 @@ def test_the_same_skin_is_found_in_white_and_in_orange_light(maker: Maker) -> No
         for name in identity.shipped()
     )
     assert np.log(pale).mean() == pytest.approx(palest, abs=1e-4)
+    _, candle = exposure.estimate(maker, [shut(plain)], [TONE * [1.0, 0.5, 0.0]])
+    assert np.isfinite(candle).all()  # red before
 
 
 def test_grey_brows_and_blue_shade_have_the_warmth_of_hair_and_skin() -> None:
