@@ -29,5 +29,6 @@ def head(maker: "Maker", paths: tuple[Path, ...]) -> "PhotographedHead":
         made = person.make(maker, photos, show)
     seen = "photograph" if len(photos) == 1 else f"{len(photos)} photographs"
     print(f"fitted {seen}: the face's points {made.left_mm:.1f} mm from where they are seen")
-    print(f"eyes: {made.eye}" + ("" if made.hair is None else "; the hair's colour is taken over"))
+    hair = "no hair" if made.hair is None else "hair, whose colour that of --hair NAME gets"
+    print(f"seen: eyes {made.eye}; {hair}")
     return made

@@ -13,6 +13,7 @@ import numpy as np
 from app.eval.settings import ReportSettings
 from app.terminal.arguments import Count, File
 from sensors import files
+from sensors.types import InputError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,15 +35,24 @@ class PriorSettings(ReportSettings):
 
 
 def evaluate(settings: PriorSettings) -> None:
-    """Print every metric; exit with status 1 where a threshold is missed."""
+    """Print every metric; exit with status 1 where a threshold is missed.
+
+    Raises InputError where weights or face data are not what they should be."""
     from app.eval import prior_metrics
     from app.terminal.thresholds import finish
+    from render.decoder import identity
     from render.decoder.learned import weights_file
     from render.evaluation.judge import Judge
     from render.gl.contexts import create_context
 
+    weights = settings.weights or weights_file.FOLDER
+    if not identity.names(weights):  # they come last
+        raise InputError(
+            f"--weights: expected avatars beside the prior in {weights}, got none; let "
+            "livedrive train prior --out end"
+        )
     context = create_context()
-    judge = Judge(settings.face, context, settings.weights or weights_file.FOLDER)
+    judge = Judge(settings.face, context, weights)
     metrics, rows = prior_metrics.held_out(
         judge, settings.take, settings.people, settings.expressions, settings.seed
     )

@@ -93,9 +93,10 @@ class LoadSink:
             self.memory_mb.append(process.memory_info().rss / 2**20)
             used = process.cpu_times()
             self.cpu_s.append(used.user + used.system)
-        if index % (2 * SPELL_S * FPS) == SPELL_S * FPS and self._clients and self._clients.stdin:
-            self._clients.stdin.write("now\n")
-            self._clients.stdin.flush()
+        starts, clients = index % (2 * SPELL_S * FPS) == SPELL_S * FPS, self._clients
+        if starts and clients and clients.stdin and clients.poll() is None:
+            clients.stdin.write("now\n")
+            clients.stdin.flush()
 
     def close(self) -> None:
         self.refused = self._server.network_report()["page"]["refused"]

@@ -58,7 +58,9 @@ def test_hostile_clients_that_do_not_run_are_told(monkeypatch: pytest.MonkeyPatc
     monkeypatch.chdir(ROOT)
     load.on_start(RunInfo(512, 512, 1))
     assert load._clients
-    load._clients.communicate("now\n")  # nobody listens there
+    load.on_frame(result(3))  # nobody listens there
+    load._clients.wait(60)
+    load.on_frame(result(9))  # the next spell; red before: a broken pipe
     load.close()
     assert load.died
 

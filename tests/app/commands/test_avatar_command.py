@@ -140,7 +140,9 @@ def test_a_drawn_photograph_becomes_an_avatar(
     Image.fromarray(renderer.read_rgba()[..., :3].copy()).save(tmp_path / "front.png")
     renderer.close()
     CreateAvatar(name="me", photos=(tmp_path / "front.png",), hair="ada", out=tmp_path).run()
-    assert "fitted photograph" in capsys.readouterr().out
+    told = capsys.readouterr().out  # red before: hair was "taken over" where nobody's was asked for
+    assert "fitted photograph" in told
+    assert "seen: eyes brown; hair, whose colour that of --hair NAME gets" in told
     made, maker = identity.load("me", tmp_path), Maker()
     face, _ = registration.visible(maker)
     a, b = (one.geometry[face].astype(np.float64) for one in (made, who))

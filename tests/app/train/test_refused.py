@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from app.commands.train import Train
+from app.eval import prior
 from app.train import landmarks
 from render.training.data import face_data
 from sensors.types import InputError
@@ -102,6 +103,12 @@ def test_face_data_without_a_scan_are_told_in_a_line(tmp_path: Path) -> None:
     )  # type: ignore[arg-type]
     with pytest.raises(InputError, match=r"ict_face\.npz: expected .*ident_lps.*; get the face"):
         face.scan()
+
+
+def test_a_prior_without_avatars_is_not_judged(tmp_path: Path) -> None:
+    """Of a run that was stopped. Red before: a traceback after a minute."""
+    with pytest.raises(InputError, match="--weights: expected avatars .* got none; let livedrive"):
+        prior.evaluate(prior.PriorSettings(weights=tmp_path))
 
 
 def test_eyes_and_sound_name_the_stage_that_hears_first(tmp_path: Path) -> None:

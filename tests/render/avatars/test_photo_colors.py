@@ -79,6 +79,8 @@ def test_the_same_skin_is_found_in_white_and_in_orange_light(maker: Maker) -> No
         for name in identity.shipped()
     )
     assert np.log(pale).mean() == pytest.approx(palest, abs=1e-4)
+    _, candle = exposure.estimate(maker, [shut(plain)], [TONE * [1.0, 0.5, 0.0]])
+    assert np.isfinite(candle).all()  # red before
 
 
 def test_grey_brows_and_blue_shade_have_the_warmth_of_hair_and_skin() -> None:
@@ -136,6 +138,8 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
     assert ginger is not None
     np.testing.assert_allclose(ginger / ginger[0], [1, 0.25, 0.1], atol=0.04)
     assert seen(TONE) is None
+    shot.offset = offset - [0.0, 200.0, 0.0]  # up
+    assert seen(np.array([0.3, 0.09, 0.03])) is None
     lender = identity.load("greta")
     dyed = dress.dyed(maker, lender, ginger)
     np.testing.assert_allclose(np.median(dyed.hair.albedo**2, 0), ginger, rtol=0.1, atol=0.005)

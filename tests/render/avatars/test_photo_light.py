@@ -59,6 +59,8 @@ def test_the_light_of_a_face_is_found(maker: Maker) -> None:
     assert np.abs(off).mean() < 0.03
     few = light.cast(lamps, color, np.zeros(len(color)), typical)  # nothing is seen
     np.testing.assert_array_equal(few, 1)
+    red = light.cast(lamps, color * [1.0, 1.0, 0.0], weight, typical)  # red before: NaN
+    np.testing.assert_allclose(red, found * [1.0, 1.0, 0.0], atol=0.01)
 
 
 def test_photographs_in_different_light_show_one_skin(maker: Maker) -> None:

@@ -52,7 +52,7 @@ def complete(
     maker: Maker,
     merged: Doubles,  # [T, 3] linear
     total: Doubles,  # [T] how well it is seen
-    at: Doubles,  # [T, 3] mm
+    at: Doubles,  # [T, 3] mm on the mean face
     pattern: Doubles,  # [T, 3] linear: what is typical
 ) -> Floats:  # [1024, 2048, 3] stored
     """What is not seen: mirrored, then typical; the edges between are soft and of one tone."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import whites
+from render.avatars.photos.colors.light import DARK
 from render.avatars.photos.shape.picture import Photo
 from render.decoder import identity
 from render.types import Doubles
@@ -46,7 +47,7 @@ def estimate(
         both = np.tile(np.eye(3), 2) / SAME_SPREAD  # skin and light make the face's colour
         rows = np.r_[0:3, own]
         total[np.ix_(rows, rows)] += both.T @ both
-        pull[rows] += both.T @ np.log(face) / SAME_SPREAD
+        pull[rows] += both.T @ np.log(np.maximum(face, DARK)) / SAME_SPREAD
     tone, *lights = np.split(np.linalg.solve(total, pull), 1 + len(photos))
     paler = max(tone.mean() - people.mean(1).max(), 0)  # than the palest
     return [np.exp(light + paler) for light in lights], np.exp(tone - paler)

@@ -57,10 +57,11 @@ def cast(
         )
     rows = rows[:: max(1, len(rows) // MOST_PLACES)]
     own, color, typical = lamps[rows].astype(np.float64), color[rows], typical[rows]
-    brightness, expected = np.zeros((lamps.shape[1], 3)), np.median(color, 0) * typical
+    middle = np.maximum(np.median(color, 0), DARK)  # red light has no blue
+    brightness, expected = np.zeros((lamps.shape[1], 3)), middle * typical
     for _ in range(ROUNDS):
         trust = weight[rows] / (1 + (unlikeness(color, expected) / HUES) ** 2) ** 2
-        scale = np.sqrt(trust)[:, None] / (expected + DIM * np.median(color, 0))
+        scale = np.sqrt(trust)[:, None] / (expected + DIM * middle)
         for k in range(3):
             design = own * (typical[:, k] * scale[:, k])[:, None]
             brightness[:, k] = _solved(design, color[:, k] * scale[:, k])

@@ -21,7 +21,7 @@ HUE_SPREAD, BRIGHTNESS_SPREAD, OF_PIXELS = 0.1, 0.5, 2.5
 
 
 def light(photo: Photo) -> tuple[Doubles, float] | None:
-    """Logarithms [3], and the spread of their hue; None where eyes are shut."""
+    """Logarithms [3], and the spread of their hue; None where eyes are shut, or small."""
     eyes = (LEFT_EYE, LEFT_IRIS), (RIGHT_EYE, RIGHT_IRIS)
     parts = [in_eye(photo, *eye, EDGE_PX) for eye in eyes]
     pixels = np.concatenate([colors[off > IRIS] for colors, off in parts])
