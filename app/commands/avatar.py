@@ -126,7 +126,7 @@ class CreateAvatar:
     """Colour of the eyes: blue, brown, brownlight, green or grey. Default: as the photographs show;
     brown without."""
     hair: Name = None
-    """Avatar to take the hair from, in the colour that the photographs show; default: bald."""
+    """Avatar to take the hair from, in the colour that photographs show; default: bald."""
     beard: Name = None
     """Avatar to take the beard from; default: shaven."""
     out: File = None
