@@ -5,7 +5,7 @@ import pytest
 
 from render.avatars.maker import Maker
 from render.avatars.photos import dress
-from render.avatars.photos.colors import exposure, eyes, hair, light, whites
+from render.avatars.photos.colors import creases, exposure, eyes, hair, light, whites
 from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape import detector, fit
 from render.avatars.photos.shape.picture import Photo
@@ -144,3 +144,18 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
     dyed = dress.dyed(maker, lender, ginger)
     np.testing.assert_allclose(np.median(dyed.hair.albedo**2, 0), ginger, rtol=0.1, atol=0.005)
     assert np.abs(dyed.albedo - lender.albedo)[maker.face].mean() < 0.02
+
+
+def test_creases_of_a_smile_are_not_in_the_skin_at_rest(maker: Maker) -> None:
+    """Red before: they stayed, and a young man was old. What is dark elsewhere stays."""
+    rig = np.zeros(len(maker.rig_names))
+    assert not creases.folded(maker, rig).any()
+    rig[[maker.rig_names.index(f"mouthSmile_{side}") for side in "LR"]] = 0.9
+    fold = creases.folded(maker, rig)
+    assert 0.001 < (fold > 0.9).mean() < 0.1
+    lines = (np.arange(2 * SIZE * SIZE) // (2 * SIZE)) % 20 < 2
+    color = np.where(lines, 0.4, 1.0)[:, None] * TONE
+    out = creases.smoothed(color, np.ones(len(color)), fold)
+    assert out[lines & (fold > 0.9)].mean() > 2 * color[lines].mean()
+    np.testing.assert_allclose(out[~lines], color[~lines], rtol=1e-6)
+    np.testing.assert_array_equal(out[fold == 0], color[fold == 0])

@@ -16,7 +16,7 @@ from scipy.spatial import KDTree
 from render.avatars import scan_texture, textures
 from render.avatars.detail import ATLAS
 from render.avatars.maker import Maker
-from render.avatars.photos.colors import complete, exposure, light
+from render.avatars.photos.colors import complete, creases, exposure, light
 from render.avatars.photos.colors.projection import Projection, project
 from render.avatars.photos.shape.detector import BROWS
 from render.avatars.photos.shape.fit import FaceFit
@@ -66,8 +66,10 @@ def paint(
     typical, edge = complete.typical(maker), _edge(maker, at)
     on_mean = scan_texture.places(maker, maker.template).astype(np.float64)
     lit = list[Doubles]()
-    for one, color in zip(seen, unlit(maker, seen, lamps, typical, tone), strict=True):
+    plain = unlit(maker, seen, lamps, typical, tone)
+    for one, shot, color in zip(seen, found.shots, plain, strict=True):
         even = light.evened(color, one.told, typical * tone)
+        even = creases.smoothed(even, one.weight, creases.folded(maker, shot.expression))
         soft = light.soft_hues(even, one.weight * ~one.dazzled, typical * tone)
         lit.append(light.natural(light.matte(soft, typical * tone), tone))
     brows = _on_brows(at, places.of(rest.astype(np.float64)))
