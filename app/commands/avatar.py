@@ -122,7 +122,7 @@ class CreateAvatar:
     """JSON {"nose_tip": [x, y, z], ...} in the coordinates of such a scan: three or more of
     nose_tip, chin, mouth_left, mouth_right, left_eye_inner, left_eye_outer, right_eye_inner,
     right_eye_outer; left is the subject's. Default: the face is found."""
-    eye: str | None = None
+    eye: Name = None
     """Colour of the eyes: blue, brown, brownlight, green or grey. Default: as the photographs show;
     brown without."""
     hair: Name = None
