@@ -20,7 +20,7 @@ class AvatarParts:
     photos: tuple[Path, ...]  # instead: one to five of the person
     texture: Path | None  # skin atlas, 2:1; None: the colours of the scan
     landmarks: Path | None  # JSON of places in the scan, see app/avatars/register.py
-    eye: str | None  # eye colour; None: as photographed, or USUAL
+    eye: str | None  # eye colour; None: as photographed, or brown
     hair: str | None  # avatar whose hair is worn, in the photographed colour
     beard: str | None  # avatar whose beard is worn
 

@@ -149,9 +149,9 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
 def test_creases_of_a_smile_are_not_in_the_skin_at_rest(maker: Maker) -> None:
     """Red before: they stayed, and a young man was old. What is dark elsewhere stays."""
     rig = np.zeros(len(maker.rig_names))
-    assert not creases.folded(maker, rig).any()
+    assert not creases.folded(maker, [rig])[0].any()
     rig[[maker.rig_names.index(f"mouthSmile_{side}") for side in "LR"]] = 0.9
-    fold = creases.folded(maker, rig)
+    fold = creases.folded(maker, [rig])[0]
     assert 0.001 < (fold > 0.9).mean() < 0.1
     lines = (np.arange(2 * SIZE * SIZE) // (2 * SIZE)) % 20 < 2
     color = np.where(lines, 0.4, 1.0)[:, None] * TONE

@@ -4,7 +4,7 @@ import numpy as np
 
 from render.avatars.photos.colors import whites
 from render.avatars.photos.colors.light import DARK
-from render.avatars.photos.shape.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
+from render.avatars.photos.shape.detector import EYES
 from render.avatars.photos.shape.picture import Photo
 from render.types import Doubles
 
@@ -40,7 +40,7 @@ def color(photos: list[Photo], lights: list[Doubles]) -> str:  # [3] each
 
 def _ring(photo: Photo) -> Doubles:  # [n, 3] linear
     out = [np.zeros((0, 3))]
-    for outline, iris in ((LEFT_EYE, LEFT_IRIS), (RIGHT_EYE, RIGHT_IRIS)):
+    for outline, iris in EYES:
         pixels, off = whites.in_eye(photo, outline, iris, edge_px=1)
         pixels = pixels[(off > RING[0]) & (off < RING[1])]
         if len(pixels):

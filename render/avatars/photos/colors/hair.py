@@ -5,6 +5,7 @@ import numpy as np
 from render.avatars.maker import Maker
 from render.avatars.photos.colors.complete import anchors
 from render.avatars.photos.colors.light import DARK
+from render.avatars.photos.colors.projection import towards
 from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
@@ -41,7 +42,7 @@ def color(
     for photo, shot, light in zip(photos, found.shots, skin.lights, strict=True):
         height, width = photo.picture.shape[:2]
         x, px = shot.view(places), shot.project(places, (width, height)).astype(int)
-        facing = -((normals @ shot.turn.T) * x).sum(1) / np.linalg.norm(x, axis=1)
+        facing = towards(normals @ shot.turn.T, x)
         inside = ((px >= 0) & (px < np.array([width, height]))).all(1)
         column, row = px[inside & (facing > FACING * np.linalg.norm(normals, axis=1))].T
         stored = photo.picture[row, column].astype(np.float32) / np.float32(255)

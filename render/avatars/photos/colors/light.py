@@ -86,13 +86,23 @@ def likeness(color: Doubles, skin: Doubles) -> Doubles:  # [n, 3], [3] or [n, 3]
     return 1 / (1 + (unlikeness(color, skin) / HUES) ** 4)
 
 
+def around(
+    values: Doubles,  # [H, W, C]
+    trust: Doubles,  # [H, W, 1]
+    texels: float,
+    otherwise: Doubles,  # [H, W, C] or [C]
+) -> Doubles:  # [H, W, C]
+    """Means of what is trusted within some texels; where nothing is, what they are otherwise."""
+    blur = (texels, texels, 0.0)
+    sums = gaussian_filter(values * trust, blur) + LEAST * otherwise
+    return sums / (gaussian_filter(trust, blur) + LEAST)
+
+
 def evened(color: Doubles, weight: Doubles, skin: Doubles) -> Doubles:  # [T, 3], [T], [T, 3]
     """Colours less what they differ over wide areas from typical `skin` [T, 3], in part."""
     off, trust = np.log((color + DARK) / (skin + DARK)), weight * likeness(color, skin)
     picture, share = off.reshape(SIZE, 2 * SIZE, 3), trust.reshape(SIZE, 2 * SIZE, 1)
-    wide = gaussian_filter(picture * share, (WIDE_TEXELS, WIDE_TEXELS, 0))
-    wide /= gaussian_filter(share, (WIDE_TEXELS, WIDE_TEXELS, 0)) + LEAST
-    left = wide.reshape(-1, 3)
+    left = around(picture, share, WIDE_TEXELS, np.zeros(3)).reshape(-1, 3)
     left /= 1 + (np.abs(left).max(1, keepdims=True) / BEARDED) ** 4
     return color * np.exp(-EVENED * left)
 
@@ -110,9 +120,8 @@ def soft_hues(color: Doubles, trust: Doubles, skin: Doubles) -> Doubles:  # [T, 
     bright = own.mean(2, keepdims=True)
     own, usual = own - bright, usual - usual.mean(2, keepdims=True)
     share = trust.reshape(SIZE, 2 * SIZE, 1)
-    around = gaussian_filter(own * share, (HUE_TEXELS, HUE_TEXELS, 0)) + LEAST * usual
-    near = gaussian_filter(share, (HUE_TEXELS, HUE_TEXELS, 0)) + LEAST
-    return np.maximum(np.exp(bright + around / near) - DARK, 0).reshape(-1, 3)
+    hues = around(own, share, HUE_TEXELS, usual)
+    return np.maximum(np.exp(bright + hues) - DARK, 0).reshape(-1, 3)
 
 
 def natural(color: Doubles, tone: Doubles) -> Doubles:  # [n, 3], [3] linear

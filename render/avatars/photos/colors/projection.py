@@ -55,7 +55,7 @@ def project(
     where, turned = texels[0], texels[1] @ shot.turn.T
     turned /= np.linalg.norm(turned, axis=1, keepdims=True) + 1e-9
     x, px = shot.view(where), shot.project(where, size)
-    cosine = _towards(turned, x)
+    cosine = towards(turned, x)
     inside = ((px > 1) & (px < np.array([width - 1, height - 1]))).all(1)
     front = (cosine > 0) & inside
     moved = px.copy()
@@ -73,7 +73,8 @@ def project(
     return Projection(lit, weight, lit.max(1) > 0.99 * exposed(np.full(1, DAZZLED, np.float32))[0])
 
 
-def _towards(normals: Doubles, x: Doubles) -> Doubles:
+def towards(normals: Doubles, x: Doubles) -> Doubles:  # [n, 3], [n, 3] seen from the camera -> [n]
+    """Cosines to the viewer, times the normals' lengths."""
     return -(normals * x).sum(1) / np.linalg.norm(x, axis=1)
 
 
@@ -81,7 +82,7 @@ def _bend(photo: Photo, shot: PhotoCamera, points: tuple[Doubles, Doubles], px: 
     """At px [n, 2] what the fit leaves between the detector's points and their places [n, 2] px."""
     height, width = photo.picture.shape[:2]
     at = shot.project(points[0], (width, height))
-    facing = _towards(points[1] @ shot.turn.T, shot.view(points[0]))
+    facing = towards(points[1] @ shot.turn.T, shot.view(points[0]))
     off = photo.points[:ON_SKIN] - at
     most = MOST_BEND * float(np.ptp(photo.points[list(OVAL), 0]))
     good = (facing > FACING) & (np.linalg.norm(off, axis=1) < most)

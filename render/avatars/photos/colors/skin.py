@@ -27,7 +27,7 @@ from render.types import AHEAD, Doubles, Floats
 SHARPEST = 8.0  # power of the weights: who sees best decides
 BROW_MM = 4.5  # from the points of a brow: its hair
 HAIR_TEXELS = 7  # width of a strand's surroundings that it blurs
-PLAIN = 0.6  # of the face, enough to tell its colour
+ENOUGH = 0.6  # of the face, that tells its colour
 DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
 
@@ -51,9 +51,9 @@ def paint(
     for shot in found.shots:
         vertices = maker.posing.pose(shot.expression.astype(np.float32), AHEAD, posed)
         faces.append((vertices, maker.normals(vertices)))
-    columns = np.concatenate([rest, *(column for face in faces for column in face)], 1)
-    values = scan_texture.places(maker, columns).astype(np.float64)
-    at, *texels = np.split(values, 1 + 2 * len(faces), axis=1)
+    columns = [rest, maker.template, *(column for face in faces for column in face)]
+    values = scan_texture.places(maker, np.concatenate(columns, 1)).astype(np.float64)
+    at, on_mean, *texels = np.split(values, len(columns), axis=1)
     seen, lamps = list[Projection](), list[Floats]()
     for k, (photo, shot) in enumerate(zip(photos, found.shots, strict=True)):
         points, turned = (places.of(column.astype(np.float64)) for column in faces[k])
@@ -64,18 +64,17 @@ def paint(
         replace(one, color=one.color / shining) for one, shining in zip(seen, lights, strict=True)
     ]
     typical, edge = complete.typical(maker), _edge(maker, at)
-    on_mean = scan_texture.places(maker, maker.template).astype(np.float64)
+    usual, folds = typical * tone, creases.folded(maker, [shot.expression for shot in found.shots])
     lit = list[Doubles]()
     plain = unlit(maker, seen, lamps, typical, tone)
-    for one, shot, color in zip(seen, found.shots, plain, strict=True):
-        even = light.evened(color, one.told, typical * tone)
-        even = creases.smoothed(even, one.weight, creases.folded(maker, shot.expression))
-        soft = light.soft_hues(even, one.weight * ~one.dazzled, typical * tone)
-        lit.append(light.natural(light.matte(soft, typical * tone), tone))
+    for one, fold, color in zip(seen, folds, plain, strict=True):
+        even = creases.smoothed(light.evened(color, one.told, usual), one.weight, fold)
+        soft = light.soft_hues(even, one.weight * ~one.dazzled, usual)
+        lit.append(light.natural(light.matte(soft, usual), tone))
     brows = _on_brows(at, places.of(rest.astype(np.float64)))
     clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
-    atlas = complete.complete(maker, merge(lit, clean), total, on_mean, typical * tone)
+    atlas = complete.complete(maker, merge(lit, clean), total, on_mean, usual)
     return PaintedSkin(atlas, lights, tone)
 
 
@@ -146,4 +145,4 @@ def _middle(one: Projection) -> Doubles:  # [3]
     """The colour of the face, where it is seen best."""
     seen = one.weight > 0.7 * one.weight.max()
     plain = seen & ~one.dazzled
-    return np.median(one.color[plain if plain.sum() > PLAIN * seen.sum() else seen], 0)
+    return np.median(one.color[plain if plain.sum() > ENOUGH * seen.sum() else seen], 0)

@@ -5,7 +5,7 @@ from PIL import Image, ImageDraw
 from scipy.ndimage import binary_erosion
 
 from render.avatars.photos.colors.light import DARK
-from render.avatars.photos.shape.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
+from render.avatars.photos.shape.detector import EYES
 from render.avatars.photos.shape.picture import Photo
 from render.lighting import exposed
 from render.types import Doubles
@@ -22,8 +22,7 @@ HUE_SPREAD, BRIGHTNESS_SPREAD, OF_PIXELS = 0.1, 0.5, 2.5
 
 def light(photo: Photo) -> tuple[Doubles, float] | None:
     """Logarithms [3], and the spread of their hue; None where eyes are shut, or small."""
-    eyes = (LEFT_EYE, LEFT_IRIS), (RIGHT_EYE, RIGHT_IRIS)
-    parts = [in_eye(photo, *eye, EDGE_PX) for eye in eyes]
+    parts = [in_eye(photo, *eye, EDGE_PX) for eye in EYES]
     pixels = np.concatenate([colors[off > IRIS] for colors, off in parts])
     count = len(pixels)
     if count < LEAST:

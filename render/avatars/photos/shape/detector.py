@@ -25,6 +25,7 @@ LEFT_IRIS, RIGHT_IRIS = 473, 468  # their middles; the subject's left
 # Around the openings of the eyes and between the lips, in order.
 LEFT_EYE = (263, 249, 390, 373, 374, 380, 381, 382, 362, 398, 384, 385, 386, 387, 388, 466)
 RIGHT_EYE = (33, 7, 163, 144, 145, 153, 154, 155, 133, 173, 157, 158, 159, 160, 161, 246)
+EYES = (LEFT_EYE, LEFT_IRIS), (RIGHT_EYE, RIGHT_IRIS)
 # Below and above each brow, from its tail inwards.
 BROWS = ((276, 283, 282, 295, 285), (300, 293, 334, 296, 336))
 BROWS += ((46, 53, 52, 65, 55), (70, 63, 105, 66, 107))

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from render.avatars.photos.shape.detector import LEFT_EYE, LEFT_IRIS, RIGHT_EYE, RIGHT_IRIS
+from render.avatars.photos.shape.detector import EYES
 from render.avatars.photos.shape.fit import FaceFit, PhotoCamera
 from render.avatars.photos.shape.picture import Photo
 from render.types import Doubles
@@ -27,7 +27,7 @@ def sized(found: FaceFit, photos: list[Photo]) -> FaceFit:
 def iris_mm(photo: Photo, shot: PhotoCamera, points: Doubles) -> float:  # [468, 3] mm
     """Mean diameter of both irises, as far away as the corners of the eyes."""
     across = list[float]()
-    for iris, outline in ((LEFT_IRIS, LEFT_EYE), (RIGHT_IRIS, RIGHT_EYE)):
+    for outline, iris in EYES:
         ring = photo.points[iris + 1 : iris + 5]
         away = shot.view(points[[outline[0], outline[8]]])[:, 2].mean()
         px = np.linalg.norm(ring[:2] - ring[2:], axis=1).mean()
