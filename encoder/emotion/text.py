@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,14 +38,17 @@ def clip_embed(folder: Path) -> Embed:
         )
     try:
         import torch
-        from transformers import CLIPTextModelWithProjection, CLIPTokenizer
+
+        # Untyped: to infer what transformers returns takes pyright half a minute.
+        transformers: Any = import_module("transformers")
+        text_model, tokens_of = transformers.CLIPTextModelWithProjection, transformers.CLIPTokenizer
     except ImportError as error:
         raise InputError(
             f"--clip: expected transformers, got {error}; run: pip install livedrive[text]"
         ) from error
     try:
-        tokenizer = CLIPTokenizer.from_pretrained(str(folder), local_files_only=True)
-        model = CLIPTextModelWithProjection.from_pretrained(str(folder), local_files_only=True)
+        tokenizer = tokens_of.from_pretrained(str(folder), local_files_only=True)
+        model = text_model.from_pretrained(str(folder), local_files_only=True)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(
             f"--clip {folder}: expected a CLIP model, got: {str(error).splitlines()[0]}; "
