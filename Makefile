@@ -16,8 +16,8 @@ APT_PACKAGES := libegl1 libgl1 libgl1-mesa-dri libosmesa6 xvfb flite espeak-ng \
     pulseaudio pulseaudio-utils libasound2-plugins libportaudio2 libusb-1.0-0 umockdev chromium \
     festival festvox-us-slt-hts festvox-kallpc16k janus iproute2
 
-.PHONY: setup system demo test check types types-linux types-windows types-darwin check-xr golden \
-    coverage bench help
+.PHONY: setup system demo test check loops types types-linux types-windows types-darwin check-xr \
+    golden coverage bench help
 help:  ## this list
 	@grep -E '^[a-z-]+:.*##' Makefile | sed 's/:.*##/\t/'
 
@@ -57,8 +57,11 @@ check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/codespell
-	@$(MAKE) --no-print-directory --jobs 2 --output-sync types
+	@$(MAKE) --no-print-directory --jobs 2 --output-sync types loops
 	$(PY) -m pytest -n $(WORKERS) --dist worksteal
+
+loops:  # compiled once beside pyright, not by every worker of pytest
+	$(VENV)/bin/livedrive replay recordings/smoke --fast --video $(VENV)/smoke.mp4
 
 types: types-linux types-windows types-darwin
 

@@ -79,7 +79,8 @@ def project(
     )
     kernels.invert(var_x, var_y, cov, p, q, r)
     kernels.bound(x, y, var_x, var_y, log2_opacity, size[0], size[1], half_y, boxes)
-    colors[:] = stored[3 * first : 3 * last]
+    for k in range(3 * count):  # a slice assigned takes five seconds more to compile
+        colors[k] = stored[3 * first + k]
     weights, roughness, soft, towards, lamps, film = mirrors
     weights, roughness = weights[4 * first : 4 * last], roughness[first:last]
     if len(roughness):

@@ -62,7 +62,8 @@ def vertex_attributes(
             n = np.uintp(start + i)
             axes[0, i], axes[1, i], axes[2, i] = normals[n, 0], normals[n, 1], normals[n, 2]
         for k in range(4):
-            shares[k, :count] = seen[k, start : start + count]
+            for i in range(count):  # a slice assigned takes five seconds more to compile
+                shares[k, i] = seen[k, start + i]
         facing(axes, towards[4], cosine)
         for k in range(3):
             gain, offset, lit = sky[k, 0], sky[k, 1], light[k]
