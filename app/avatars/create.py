@@ -40,13 +40,13 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     _check_given(parts)
     lender = identity.load(parts.hair) if parts.hair is not None else None
     bearded = identity.load(parts.beard) if parts.beard is not None else None
-    maker = Maker()
+    maker, color = Maker(), None
     if parts.eye is not None:
         maker.check_eye(parts.eye)
     if parts.photos:
         made = photos.head(maker, parts.photos)
         geometry, skin = dress.padded(maker, made.geometry), made.skin
-        eye = parts.eye or made.eye
+        eye, color = parts.eye or made.eye, made.beard
         if lender and made.hair is not None:
             lender = dress.dyed(maker, lender, made.hair)
     else:
@@ -57,7 +57,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     if parts.photos:
         who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
     if bearded:
-        who = dress.bearded(maker, who, bearded)
+        who = dress.bearded(maker, who, bearded, color)
     given = {key: _named(value) for key, value in asdict(parts).items()} | {"eye": eye}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)

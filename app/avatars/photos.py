@@ -30,5 +30,6 @@ def head(maker: "Maker", paths: tuple[Path, ...]) -> "PhotographedHead":
     seen = "photograph" if len(photos) == 1 else f"{len(photos)} photographs"
     print(f"fitted {seen}: the face's points {made.left_mm:.1f} mm from where they are seen")
     hair = "no hair" if made.hair is None else "hair, whose colour that of --hair NAME gets"
-    print(f"seen: eyes {made.eye}; {hair}")
+    beard = "" if made.beard is None else "; a beard, whose colour that of --beard NAME gets"
+    print(f"seen: eyes {made.eye}; {hair}{beard}")
     return made

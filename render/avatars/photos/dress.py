@@ -61,14 +61,25 @@ def dyed(maker: Maker, lender: Identity, wanted: Doubles) -> Identity:  # [3] li
     return replace(lender, hair=replace(lender.hair, albedo=strands), albedo=scalp)
 
 
-def bearded(maker: Maker, who: Identity, lender: Identity) -> Identity:
-    """With the lender's beard, and the skin under it as dark; without brows, lashes and shirt."""
+def bearded(
+    maker: Maker,
+    who: Identity,
+    lender: Identity,
+    wanted: Doubles | None = None,  # [3] linear albedo of a beard that the skin shows already
+) -> Identity:
+    """With the lender's beard, in the wanted colour; else in its own, and the skin under it as
+    dark. Without brows, lashes and shirt."""
     at = standing(maker, lender.beard)
     below_eyes = at[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
     grown = below_eyes & (clothes.height(at) >= COLLAR_MM)
     beard = lender.beard.take(grown)
     if not len(beard):
         return who
+    if wanted is not None:
+        bright = (beard.albedo.astype(np.float64) ** 2).mean(1, keepdims=True)
+        dyed = np.clip(np.sqrt(wanted * bright / np.median(bright)), 0, 1)
+        beard = replace(beard, albedo=dyed.astype(np.float32))
+        return replace(who, beard=joined([who.beard, beard]))
     dye = np.minimum(lender.albedo / np.median(lender.albedo[maker.face], 0), 1)
     albedo = who.albedo * (1 - under(maker, at[grown])[:, None] * (1 - dye))
     return replace(who, albedo=albedo.astype(np.float32), beard=joined([who.beard, beard]))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import eyes, hair, skin
+from render.avatars.photos.colors.light import DARK
 from render.avatars.photos.shape import fit, irises, places, point_shapes, shapes
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
@@ -22,6 +23,7 @@ class PhotographedHead:
     skin: Floats  # [1024, 2048, 3] 0..1
     eye: str  # colour, a name of Maker.eyes
     hair: Doubles | None  # [3] linear albedo, where hair is seen
+    beard: Doubles | None  # the same
     left_mm: float  # see FaceFit
 
 
@@ -45,6 +47,7 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
         skin=painted.atlas,
         eye=eyes.color(photos, painted.lights),
         hair=hair.color(maker, photos, found, geometry, painted),
+        beard=None if painted.beard is None else hair.dye(painted.beard + DARK),
         left_mm=found.left_mm,
     )
 

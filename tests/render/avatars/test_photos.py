@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from render import cameras
-from render.avatars import registration, scan_texture
+from render.avatars import registration
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import skin
@@ -157,23 +157,6 @@ def test_large_irises_tell_of_a_small_face(maker: Maker) -> None:
     np.testing.assert_allclose(
         found.shots[0].project(found.points, size), seen[: detector.ON_SKIN], atol=1e-6
     )
-
-
-def test_hair_that_hangs_into_the_face_is_no_skin_but_brows_are() -> None:
-    """Red before: tips of dark hair stayed beside the brows, as it was looked for at the edge."""
-    size = scan_texture.SIZE
-    row, column = np.indices((size, 2 * size))
-    edge = np.clip((np.abs(column - size) - 200.0) / 20, 0, 1).ravel()
-    tone = np.array([0.5, 0.3, 0.22])
-    color = np.tile(tone, (2 * size * size, 1))
-    hanging = ((row > 100) & (row < 130) & (column > size + 150)).ravel()
-    brow = ((row > 100) & (row < 110) & (np.abs(column - size) < 80)).ravel()
-    joined = ((row > 100) & (row < 104) & (column > size) & (column < size + 160)).ravel()
-    color[hanging | brow | joined] *= 0.05
-    hair = skin.hair(color, tone, edge, brow)
-    assert hair[hanging].min() == 1
-    assert hair[brow].max() == 0
-    assert hair[~hanging & ~joined & (edge == 0)].mean() < 0.006
 
 
 @pytest.mark.slow

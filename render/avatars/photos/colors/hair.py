@@ -1,4 +1,4 @@
-"""The colour of the hair in photographs."""
+"""The colours of hair and beard in photographs."""
 
 import numpy as np
 
@@ -47,15 +47,20 @@ def color(
         column, row = px[inside & (facing > FACING * np.linalg.norm(normals, axis=1))].T
         stored = photo.picture[row, column].astype(np.float32) / np.float32(255)
         pixels.append(exposed(stored) / light)
-    seen = np.concatenate(pixels)
-    if len(seen) < LEAST:
+    shown = np.concatenate(pixels)
+    if len(shown) < LEAST:
         return None
-    middle = np.median(seen, 0) + DARK
+    middle = np.median(shown, 0) + DARK
     off = np.log(middle / skin.tone)
     if off.mean() > np.log(BRIGHT) and np.abs(off - off.mean()).max() < HUE:
         return None
-    bright = np.log(middle).mean()
-    red = float(np.clip((np.log(middle) - bright) @ GINGER / (GINGER @ GINGER), 0, REDDEST))
+    return dye(middle)
+
+
+def dye(seen: Doubles) -> Doubles:  # [3] linear, in a picture, without the light -> [3] albedo
+    """The nearest colour that hair has."""
+    bright = np.log(seen).mean()
+    red = float(np.clip((np.log(seen) - bright) @ GINGER / (GINGER @ GINGER), 0, REDDEST))
     if bright < np.log(GREY):
         red = max(red, (red + BROWN) / 2)
     return np.exp(bright + red * GINGER) / GLOSS

@@ -9,24 +9,19 @@ of the face, and what is left from how skins vary over heads (`complete.py`).
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.ndimage import gaussian_filter, label, maximum_filter
-from scipy.spatial import KDTree
 
 from render.avatars import scan_texture, textures
 from render.avatars.detail import ATLAS
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import complete, creases, exposure, light
+from render.avatars.photos.colors.covered import HairPlaces, beard_color, covered
 from render.avatars.photos.colors.projection import Projection, project
-from render.avatars.photos.shape.detector import BROWS
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
 from render.avatars.photos.shape.places import PointPlaces
 from render.types import AHEAD, Doubles, Floats
 
 SHARPEST = 8.0  # power of the weights: who sees best decides
-BROW_MM = 4.5  # from the points of a brow: its hair
-HAIR_TEXELS = 7  # width of a strand's surroundings that it blurs
 ENOUGH = 0.6  # of the face, that tells its colour
 DARK_LIGHT, BRIGHT_LIGHT = 0.3, 3.0  # limits of light on a place, of the mean
 TINY = 1e-9
@@ -37,6 +32,7 @@ class PaintedSkin:
     atlas: Floats  # [1024, 2048, 3] 0..1
     lights: list[Doubles]  # [3] linear, in each photograph
     tone: Doubles  # [3] linear, of the face
+    beard: Doubles | None = None  # [3] linear, where one is seen
 
 
 def paint(
@@ -63,7 +59,7 @@ def paint(
     seen = [
         replace(one, color=one.color / shining) for one, shining in zip(seen, lights, strict=True)
     ]
-    typical, edge = complete.typical(maker), _edge(maker, at)
+    typical = complete.typical(maker)
     usual, folds = typical * tone, creases.folded(maker, [shot.expression for shot in found.shots])
     lit = list[Doubles]()
     plain = unlit(maker, seen, lamps, typical, tone)
@@ -71,11 +67,12 @@ def paint(
         even = creases.smoothed(light.evened(color, one.told, usual), one.weight, fold)
         soft = light.soft_hues(even, one.weight * ~one.dazzled, usual)
         lit.append(light.natural(light.matte(soft, usual), tone))
-    brows = _on_brows(at, places.of(rest.astype(np.float64)))
-    clean = [w.weight * (1 - hair(c, tone, edge, brows)) for w, c in zip(seen, lit, strict=True)]
+    hairy = HairPlaces.of(maker, at, places.of(rest.astype(np.float64)))
+    clean = [w.weight * (1 - covered(c, tone, hairy)) for w, c in zip(seen, lit, strict=True)]
     total = sum(clean, np.zeros(len(at)))
     atlas = complete.complete(maker, merge(lit, clean), total, on_mean, usual)
-    return PaintedSkin(atlas, lights, tone)
+    beard = beard_color(lit, [one.weight for one in seen], tone, hairy)
+    return PaintedSkin(atlas, lights, tone, beard)
 
 
 def unlit(
@@ -107,38 +104,6 @@ def merge(colors: list[Doubles], weights: list[Doubles]) -> Doubles:  # K of [T,
     shares = [(weight / best) ** SHARPEST for weight in weights]
     out = np.sum([s[:, None] * c for s, c in zip(shares, colors, strict=True)], 0)
     return out / (np.sum(shares, 0) + TINY)[:, None]
-
-
-def _edge(maker: Maker, at: Doubles) -> Doubles:  # [T, 3] mm -> [T] 0..1
-    """Where hair may lie over the face: above the brows and at the temples."""
-    wide, high = np.abs(maker.template[maker.regions["brows"], :2]).max(0)
-    above = (at[:, 1] - high + 10) / 8
-    beside = (np.abs(at[:, 0]) - wide + 6) / 6
-    return np.clip(np.maximum(above, beside), 0, 1)
-
-
-def _on_brows(at: Doubles, points: Doubles) -> NDArray[np.bool_]:  # [T, 3], [468, 3] mm -> [T]
-    """Near the detector's points of a brow, but for its tail, where hair begins that hangs down."""
-    lines = points[np.array(BROWS)[:, 1:]]  # [4, 4, 3]
-    share = np.linspace(0, 1, 8)[:, None, None, None]
-    along = lines[:, :-1] + share * (lines[:, 1:] - lines[:, :-1])
-    return KDTree(along.reshape(-1, 3)).query(at)[0] < BROW_MM
-
-
-def hair(
-    color: Doubles, tone: Doubles, edge: Doubles, brows: NDArray[np.bool_]
-) -> Doubles:  # [T, 3], [3], [T], [T] -> [T] 0..1
-    """What is unlike the skin's tone at the face's edge, and what of it reaches in from there, but
-    for brows."""
-    unlike = 1 - light.likeness(color, tone)
-    dark = ((unlike > 0.5) & ~brows).reshape(scan_texture.SIZE, -1)
-    spots = np.empty(dark.shape, np.int32)
-    label(dark, output=spots)
-    spots = spots.ravel()
-    reaching = np.isin(spots, np.setdiff1d(spots[edge > 0.5], 0))
-    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).astype(np.float64)
-    beside = np.maximum(near, gaussian_filter(near, HAIR_TEXELS / 2)).ravel()
-    return np.maximum(edge * unlike, np.where(brows, 0, beside))
 
 
 def _middle(one: Projection) -> Doubles:  # [3]
