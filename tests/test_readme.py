@@ -13,7 +13,7 @@ from app.main import main
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
-PAGES = [README, *sorted(ROOT.glob("*/weights/README.md")), ROOT / ".github" / "CONTRIBUTING.md"]
+PAGES = [README, *sorted(ROOT.glob("*/weights/*.md")), ROOT / ".github" / "CONTRIBUTING.md"]
 NESTED = ("avatar", "session", "train", "eval", "bench", "call")  # commands with actions
 TABLE = re.compile(r"<!-- (\S+\.json) ([^:]*): (.*?) -->\n((?:\|.*\n)+)")
 # Commands of README that take seconds and need neither devices nor data; the rest is parsed only.
