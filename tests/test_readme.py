@@ -13,7 +13,7 @@ from app.main import main
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
-PAGES = [README, *sorted(ROOT.glob("*/weights/README.md")), ROOT / ".github" / "CONTRIBUTING.md"]
+PAGES = [README, *sorted(ROOT.glob("*/weights/*.md")), ROOT / ".github" / "CONTRIBUTING.md"]
 NESTED = ("avatar", "session", "train", "eval", "bench", "call")  # commands with actions
 TABLE = re.compile(r"<!-- (\S+\.json) ([^:]*): (.*?) -->\n((?:\|.*\n)+)")
 # Commands of README that take seconds and need neither devices nor data; the rest is parsed only.
@@ -48,10 +48,19 @@ def test_readme_is_a_manual_of_180_lines() -> None:
     assert len(README.read_text().splitlines()) <= 180
 
 
+def headings(page: Path) -> list[str]:
+    """As links name them."""
+    titles = re.findall(r"^#+ (.*)$", page.read_text(), re.MULTILINE)
+    return [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(ROOT)))
 def test_links_lead_somewhere(page: Path) -> None:
-    links = re.findall(r"\]\(([^)#:]+)\)", page.read_text())
-    assert [link for link in links if not (page.parent / link).exists()] == []
+    """To a file that is there and, after a #, to a heading of it."""
+    for link, place in re.findall(r"\]\(([^)#:]*)(?:#([^)]+))?\)", page.read_text()):
+        target = page.parent / link if link else page
+        assert target.exists(), link
+        assert not place or place in headings(target), f"{link}#{place}"
 
 
 def usage(words: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> str:
