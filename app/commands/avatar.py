@@ -126,7 +126,8 @@ class CreateAvatar:
     """Colour of the eyes: blue, brown, brownlight, green or grey. Default: as the photographs show;
     brown without."""
     hair: Name = None
-    """Avatar to take the hair from, in the colour that photographs show (a scan: in their own); default: bald."""
+    """Avatar to take the hair from, in the colour that photographs show, on a scan in its own;
+    default: bald."""
     beard: Name = None
     """Avatar to take the beard from, in the colour that photographs show; default: shaven, or as
     painted on the skin."""
