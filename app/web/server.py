@@ -28,7 +28,7 @@ from app.web.link import PICKS, SOUND, STATUS, TICK, unpack_tick
 from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
-from render.decoder import identity
+from render.decoder.learned import avatar_files
 from sensors.types import LOOPBACK, InputError
 
 PAGE = Path(__file__).parent / "page"
@@ -60,7 +60,7 @@ class WebServer:
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
         self._targets, self._sounds = Hub(1, binary=False), Hub(SOUND_DEPTH, binary=True)
         self._voice, self._poses = Uplink(end, SoundMessages()), Uplink(end, PoseMessages())
-        self._picks = Picks(info.avatar, identity.names())
+        self._picks = Picks(info.avatar, avatar_files.names())
         self._picking = RateLimit(Picks.max_rate, time.monotonic())
         self._newest: DrivenFrame | None = None
         self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
