@@ -31,7 +31,7 @@ def _look(typing_context, flags, k):  # type: ignore[no-untyped-def]
     return types.int64(flags, k), generate
 
 
-@njit("void(i8[::1], i8)", cache=True, nogil=True)
+@njit(cache=True, nogil=True)
 def wait_for(flags: NDArray[np.int64], count: int) -> None:
     """Until so many of the flags are not 0, or LOOKS times; other threads set them meanwhile."""
     k = seen = 0

@@ -28,6 +28,7 @@ class Threads:
         self.count = min(_cpus(), MOST)
         self._helpers: list[tuple[threading.Thread, SimpleQueue[Callable[[], None] | None]]] = []
         self._here = -1  # CPU of the caller when the helpers were last told
+        wait_for(np.zeros(1, np.int64), 0)  # loads the loop now, and not in a tick
 
     def share(self, work: Work, parts: int) -> None:
         """Do work(0) .. work(parts - 1): whoever is free takes the next one.

@@ -15,7 +15,7 @@ import pytest
 pytestmark = pytest.mark.slow
 
 ROOT = Path(__file__).parent.parent
-DEMO = str(ROOT / "recordings" / "demo")
+SESSION = str(ROOT / "recordings" / "smoke")
 RUN = [sys.executable, "-c", "from app.main import main; main()"]
 UPLOAD_S = "11"  # ONNX Runtime tries its first upload 8.5 s after it was loaded
 ISOLATED = ["unshare", "--net", "--map-root-user"]
@@ -24,13 +24,13 @@ COUNTERS = {AWAY, ("Udp", "OutDatagrams"), ("Tcp", "ActiveOpens")}
 SILENT = ["run", "--headless", "--mic", "none", "--seconds"]
 COMMANDS = {  # words, and what they are to write
     "run": ([*SILENT, UPLOAD_S], []),
-    "web": ([*SILENT, "3", "--web", "0"], []),
+    "web": ([*SILENT, "1", "--web", "0"], []),
     "record": (
         ["record", "mine", "--mic", "none", "--seconds", "1"],
         ["mine", *(f"mine/{name}" for name in ("audio.wav", "session.json", "timeline.jsonl"))],
     ),
-    "replay": (["replay", DEMO, "--realtime", "--motion", "out.npz"], ["out.npz"]),
-    "call": (["call", "test", "--session", DEMO, "--lines", "0", "--seconds", "4"], []),
+    "replay": (["replay", SESSION, "--motion", "out.npz"], ["out.npz"]),
+    "call": (["call", "test", "--session", SESSION, "--lines", "0", "--seconds", "2"], []),
 }
 
 

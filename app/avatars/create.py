@@ -35,6 +35,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     from render.avatars.photos import dress
     from render.avatars.photos.colors import complete, eyes
     from render.decoder import identity
+    from render.decoder.learned import avatar_files
 
     _check(name, folder, replace)
     _check_given(parts)
@@ -61,7 +62,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     given = {key: _named(value) for key, value in asdict(parts).items()} | {"eye": eye}
     card = {"command": "livedrive avatar create", **given}
     identity.save(who, folder, card, private=True)
-    return (folder / f"{identity.PREFIX}{name}.safetensors").resolve()
+    return (folder / f"{avatar_files.PREFIX}{name}.safetensors").resolve()
 
 
 def _check_given(parts: AvatarParts) -> None:
@@ -99,17 +100,17 @@ def _named(value: Any) -> Any:
 
 
 def _check(name: str, folder: Path, replace: bool) -> None:
-    from render.decoder import identity
+    from render.decoder.learned import avatar_files
 
     if not name.replace("-", "").replace("_", "").isalnum() or len(name) > 32:
         raise InputError(f"name: expected {NAME}, got {name!r}; choose another")
     if name == "all" or not name.isascii() or name != name.lower():
         raise InputError(f"name: expected {NAME}, got {name!r}; choose another")
-    if name in identity.shipped():
+    if name in avatar_files.shipped():
         raise InputError(
             f"name: expected a new one, got that of a shipped avatar, {name}; choose another"
         )
-    if name in identity.names(folder) and not replace:
+    if name in avatar_files.names(folder) and not replace:
         raise InputError(
             f"name: expected a new one, got that of an avatar in {folder}; "
             "choose another, or add --replace"

@@ -70,9 +70,10 @@ def save_picture(name: str, path: Path, settings: PictureSettings) -> None:
 def everybody() -> "list[Identity]":
     """All but those whose files are damaged, which are told."""
     from render.decoder import identity
+    from render.decoder.learned import avatar_files
 
     people = list["Identity"]()
-    for name in identity.names():
+    for name in avatar_files.names():
         try:
             people.append(identity.load(name))
         except InputError as error:

@@ -22,11 +22,12 @@ def measure_pictures() -> dict[str, Any]:
     from render import cameras
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
     from render.gl.contexts import create_context
     from render.splats.renderer import wrap_context
 
     rng, decoder = np.random.default_rng(0), Decoder.load()
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name) for name in avatar_files.shipped()]
     pool = [random_face(rng, decoder, people[i % len(people)]) for i in range(POOL)]
     context = create_context()
     renderer = wrap_context(context)

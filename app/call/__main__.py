@@ -22,10 +22,10 @@ def main() -> None:
         from app.call.live.service import Service
         from app.call.table.seats import Seats
         from app.call.wire.packet import basis_of
-        from render.decoder.decoder import Decoder
+        from render.decoder.coding import Coding
         from sensors.clock import MonotonicClock
 
-        coding = Decoder.load().coding
+        coding = Coding.load()
         basis = basis_of(coding.frame, coding.to_code)
         date_s = int(datetime.now(UTC).timestamp())
         service = Service(end, Seats(handles[0]), basis, MonotonicClock(), date_s)

@@ -69,13 +69,14 @@ def _file(job: tuple[Path, int, list[str], tuple[int, int]]) -> float:
     from encoder.eyes.format import pixels
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
     from render.near_eye.camera import NearEye
     from render.near_eye.look import Look, varied
 
     folder, number, shards, seed = job
     rng = np.random.default_rng(seed)
     _renderer = _renderer or NearEye(Decoder.load(), size_px=SIZE_PX)
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name) for name in avatar_files.shipped()]
     before = _cpu_s()
     rows: dict[str, list[Any]] = {k: [] for k in ("pictures", "gaze", "lids", "rig", "subject")}
     clips = list(dataset.read_shard(folder / shards[rng.integers(len(shards))]))

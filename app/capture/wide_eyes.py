@@ -58,6 +58,7 @@ def _file(job: tuple[Path, int, tuple[int, ...]]) -> None:
     global _renderer
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
     from render.near_eye.camera import NearEye
     from render.near_eye.look import Look, varied
     from render.near_eye.wide_look import wide_look
@@ -65,7 +66,7 @@ def _file(job: tuple[Path, int, tuple[int, ...]]) -> None:
     folder, number, seed = job
     rng = np.random.default_rng(seed)
     _renderer = _renderer or NearEye(Decoder.load(), size_px=SIZE_PX)
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name) for name in avatar_files.shipped()]
     rows: dict[str, list[Any]] = {}
     for person in range(usual.PEOPLE_A_FILE):
         look = Look.draw(rng)

@@ -20,9 +20,9 @@ class ListAvatars:
     """List the avatars' names."""
 
     def run(self) -> None:
-        from render.decoder import identity
+        from render.decoder.learned import avatar_files
 
-        for name in identity.names():
+        for name in avatar_files.names():
             print(name)
 
 
@@ -138,7 +138,7 @@ class CreateAvatar:
 
     def run(self) -> None:
         from app.avatars.create import AvatarParts, create
-        from render.decoder import identity
+        from render.decoder.learned import avatar_files
 
         parts = AvatarParts(
             geometry=self.geometry,
@@ -149,7 +149,7 @@ class CreateAvatar:
             hair=self.hair,
             beard=self.beard,
         )
-        folder = self.out or identity.user_folder()
+        folder = self.out or avatar_files.user_folder()
         path = create(self.name, parts, folder, replace=self.replace)
         avatar, demo = str(path) if self.out else self.name, "recordings/demo --window"
         print(f"wrote {path}; next: livedrive replay {demo} --avatar {quote(avatar)}")

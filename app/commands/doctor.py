@@ -40,9 +40,10 @@ def _encoder() -> str:
 def _avatars() -> str:
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
 
     Decoder.load()
-    return ", ".join(identity.load(name).name for name in identity.names())
+    return ", ".join(identity.load(name).name for name in avatar_files.names())
 
 
 def _photographs() -> str:

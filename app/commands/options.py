@@ -15,6 +15,7 @@ from app.compose.settings import (
 from app.sinks import table
 from app.terminal import confirm, outputs
 from app.terminal.arguments import File, Port, check_host, optional
+from render.decoder.learned import avatar_files
 from render.types import DENSITY, SHARED_DENSITY, Density
 from sensors.types import LOOPBACK, InputError
 
@@ -116,6 +117,7 @@ class DriveOptions:
     ) -> DriveSettings:
         """These options as settings; raises InputError if they cannot be used."""
         check_host(self.host, self.web)
+        avatar_files.path_of(self.avatar)
         outputs.check_distinct(
             {
                 "--video": self.video,

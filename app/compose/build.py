@@ -17,13 +17,13 @@ from app.drive.emotion_port import OscPort
 from app.drive.loop import Drive
 from app.drive.sink import Expendable, RunInfo, Sink
 from app.drive.stages import Stages
-from app.drive.view import PortraitView
 from sensors.types import LOOPBACK, Clock, Source
 
 if TYPE_CHECKING:
     from app.call.live.tape import CallTape
     from app.call.table.seats import Seats
     from app.drive.tape import Tape
+    from app.drive.view import PortraitView
     from app.web.sink import WebSink
     from app.window.sink import WindowSink
     from app.xr.sink import XrSink
@@ -134,7 +134,8 @@ def _view(
     who: "Identity",
     clock: Clock,
     seats: "Seats | None",
-) -> PortraitView:
+) -> "PortraitView":
+    from app.drive.view import PortraitView
     from render import cameras
     from render.splats.renderer import create_renderer
 
@@ -167,12 +168,12 @@ def _window(
         return None
     from app.window.sink import WindowSink
     from app.window.state.shared import WindowInfo
-    from render.decoder import identity
+    from render.decoder.learned import avatar_files
 
     info = WindowInfo(
         title=settings.title,
         avatar=settings.avatar,
-        avatars=tuple(dict.fromkeys([*identity.names(), settings.avatar])),  # or a file
+        avatars=tuple(dict.fromkeys([*avatar_files.names(), settings.avatar])),  # or a file
         emotions=driver.emotions.labels if driver.emotions else (),
         emotion=emotion or "",
         can_record=tape is not None,

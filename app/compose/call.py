@@ -71,12 +71,12 @@ def session_material(session: Path) -> "Material":
     from app.compose.settings import DriveSettings
     from render.decoder.decoder import Decoder
 
-    collect = _Collect()
-    replay(session, DriveSettings(), [collect])
+    collect, settings = _Collect(), DriveSettings()
+    replay(session, settings, [collect])
     count = len(collect.driven)
     if count < 60:
         raise InputError(f"call test: expected a session of 2 s or more, got {count} frames")
-    decoder = Decoder.load()
+    decoder = Decoder.load(gaussians=settings.gaussians)  # the same
     basis = basis_of(decoder.coding.frame, decoder.coding.to_code)
     sound = np.concatenate(collect.sound)
     assert len(sound) == SAMPLES_PER_FRAME * count

@@ -11,16 +11,18 @@ import gc
 from collections.abc import Callable, Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from app.drive.controls import ControlPanel, Controls, RequestControl, muted
 from app.drive.emotion import EmotionControl
 from app.drive.sink import FrameResult, RunInfo, Sink
 from app.drive.stages import Stages
-from app.drive.view import View
-from encoder.driver import Driver
 from sensors.assemble import Assembler
 from sensors.types import FPS, NS, Clock, Packet, Source
+
+if TYPE_CHECKING:
+    from app.drive.view import View
+    from encoder.driver import Driver
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +30,10 @@ class Drive:
     """The parts of one run; app/compose/build.py makes them from settings."""
 
     source: Source
-    driver: Driver
+    driver: "Driver"
     clock: Clock
     sinks: Sequence[Sink] = ()
-    view: View | None = None  # None: codes only, nothing is drawn
+    view: "View | None" = None  # None: codes only, nothing is drawn
     panel: ControlPanel | None = None
     ports: "Sequence[Closable]" = ()  # of the panel, closed at the end
     record: Callable[[Packet], None] | None = None  # sees what the driver gets, before assembly

@@ -56,11 +56,12 @@ def draw_people(weights: Path, out: Path, size: int) -> Path:
     from render.cameras import portrait
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
     from render.splats.renderer import create_renderer
 
     out.mkdir()
     decoder, renderer = Decoder.load(weights, gaussians="65k"), create_renderer()
-    for name in identity.names(weights):
+    for name in avatar_files.names(weights):
         who = identity.load(name, weights)
         for pose, yaw in (("neutral", 15.0), ("smile", 0.0)):
             renderer.draw(sheet.posed(decoder, who, pose), portrait(size, size, yaw_deg=yaw))

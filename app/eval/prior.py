@@ -40,13 +40,12 @@ def evaluate(settings: PriorSettings) -> None:
     Raises InputError where weights or face data are not what they should be."""
     from app.eval import prior_metrics
     from app.terminal.thresholds import finish
-    from render.decoder import identity
-    from render.decoder.learned import weights_file
+    from render.decoder.learned import avatar_files, weights_file
     from render.evaluation.judge import Judge
     from render.gl.contexts import create_context
 
     weights = settings.weights or weights_file.FOLDER
-    if not identity.names(weights):  # they come last
+    if not avatar_files.names(weights):  # they come last
         raise InputError(
             f"--weights: expected avatars beside the prior in {weights}, got none; let "
             "livedrive train prior --out end"

@@ -135,6 +135,7 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
     """Whether the same codes give the same expression on several avatars."""
     from render import arkit
     from render.decoder import identity
+    from render.decoder.learned import avatar_files
     from render.evaluation import metrics as prior_metrics
     from render.evaluation import pupils
     from render.training.data import expressions
@@ -147,7 +148,7 @@ def universality(judge: "Judge", seed: int) -> dict[str, float]:
     codes = [rig @ decoder.coding.to_code for rig in drawn]
     rows, basis = judge.rig_basis
     weights: list[NDArray[np.float32]] = []
-    names = identity.names(judge.weights)
+    names = avatar_files.names(judge.weights)
     for name in names[:NUM_AVATARS]:
         who = identity.load(name, judge.weights)
         moved = [decoder.vertices(code, AHEAD, who)[rows] - who.geometry[rows] for code in codes]
@@ -200,9 +201,10 @@ def cost(judge: "Judge") -> dict[str, float]:
     As the tick decodes, into the arrays of the last frame; `fresh`: into new ones.
     """
     from render.decoder import identity
+    from render.decoder.learned import avatar_files
     from render.types import AHEAD
 
-    who = identity.load(identity.names(judge.weights)[0], judge.weights)
+    who = identity.load(avatar_files.names(judge.weights)[0], judge.weights)
     metrics = {"weights_mb": (judge.weights / "prior.safetensors").stat().st_size / 1e6}
     for name, decoder, reuse in (
         ("decode_cpu_ms", judge.decoder, True),

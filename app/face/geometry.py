@@ -18,10 +18,11 @@ def every_face() -> tuple[Callable[[Floats], list[Floats]], dict[str, NDArray[np
     """rig [53] -> the vertices of every shipped avatar, looking ahead; and the vertex sets."""
     from render.decoder import identity
     from render.decoder.decoder import Decoder
+    from render.decoder.learned import avatar_files
     from render.types import AHEAD
 
     decoder = Decoder.load()
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name) for name in avatar_files.shipped()]
 
     def vertices(rig: Floats) -> list[Floats]:
         code = decoder.encode(rig.astype(np.float32))

@@ -36,12 +36,12 @@ def make_table(out: Path | None) -> "PointPlaces":
     from render.avatars.maker import Maker
     from render.avatars.photos.shape import places
     from render.avatars.photos.shape.detector import FaceDetector
-    from render.decoder import identity
+    from render.decoder.learned import avatar_files
     from render.splats.renderer import create_renderer
 
     path = out / places.PATH.name if out else places.PATH
     with closing(FaceDetector()) as detector, closing(create_renderer()) as renderer:
-        table = places.make(Maker(), detector, renderer, identity.shipped())
+        table = places.make(Maker(), detector, renderer, avatar_files.shipped())
     places.save(table, path)
     print(f"wrote {path.resolve()}")
     return table

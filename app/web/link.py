@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from app.process.channel import Channel
 from encoder.types import DrivenFrame
-from render.decoder.decoder import EXPRESSION_DIM
+from render.decoder.coding import EXPRESSION_DIM
 from sensors.types import HeadPose
 
 TICK = np.dtype(

@@ -20,7 +20,6 @@ from app.call.wire.invite import in_url
 from app.process import child
 from app.process.channel import Channel
 from app.web import access, certificate
-from app.web.feed import AvatarFeed
 from app.web.guard import ConnectionLimiter, Handler, RateLimit, check, listen
 from app.web.hub import Hub
 from app.web.info import ServerInfo
@@ -28,7 +27,7 @@ from app.web.link import PICKS, SOUND, STATUS, TICK, unpack_tick
 from app.web.messages import Picks, PoseMessages, SoundMessages
 from app.web.uplink import Uplink
 from encoder.types import DrivenFrame
-from render.decoder import identity
+from render.decoder.learned import avatar_files
 from sensors.types import LOOPBACK, InputError
 
 PAGE = Path(__file__).parent / "page"
@@ -56,11 +55,15 @@ class WebServer:
         """`now_s`: Unix time, for the dates of a certificate."""
         self._info, self._end, self._now_s = info, end, now_s
         self._listener = listen(info.host, info.port, SEND_BUFFER)
+        self._token = None if info.is_local else access.ensure(certificate.folder())
+        self._tls = None if info.is_local else self._certified()
+        from app.web.feed import AvatarFeed  # takes seconds: what is wrong is told before
+
         self._head = AvatarFeed(info)
         self._clouds, self._names = Hub(1, binary=True), Hub(JSON_DEPTH, binary=False)
         self._targets, self._sounds = Hub(1, binary=False), Hub(SOUND_DEPTH, binary=True)
         self._voice, self._poses = Uplink(end, SoundMessages()), Uplink(end, PoseMessages())
-        self._picks = Picks(info.avatar, identity.names())
+        self._picks = Picks(info.avatar, avatar_files.names())
         self._picking = RateLimit(Picks.max_rate, time.monotonic())
         self._newest: DrivenFrame | None = None
         self._cloud: tuple[int, bytes] = (-1, b"")  # frame and message of the newest cloud made
@@ -69,9 +72,8 @@ class WebServer:
 
     async def run(self) -> None:
         loop = asyncio.get_running_loop()
-        token = None if self._info.is_local else access.ensure(certificate.folder())
         port = self._listener.getsockname()[1]
-        app = web.Application(middlewares=[check(token, port)], client_max_size=1024)
+        app = web.Application(middlewares=[check(self._token, port)], client_max_size=1024)
         self._routes(app)
         runner = web.AppRunner(
             app, access_log=None, handle_signals=False, shutdown_timeout=SHUTDOWN_S
@@ -79,11 +81,10 @@ class WebServer:
         await runner.setup()
         assert runner.server is not None
         self._limiter = ConnectionLimiter(runner.server, self._listener)
-        tls = None if self._info.is_local else self._tls()
-        door = asyncio.create_task(self._limiter.work(tls))
+        door = asyncio.create_task(self._limiter.work(self._tls))
         ended = loop.create_future()
         loop.add_reader(self._end, self._read, ended)
-        self._tell(addresses=self._addresses(port, token))
+        self._tell(addresses=self._addresses(port))
         child.lower_priority(NICENESS)  # not before: on a busy machine the start took a minute
         while not ended.done():
             await asyncio.wait([ended], timeout=STATUS_S)
@@ -125,7 +126,7 @@ class WebServer:
         else:
             app.router.add_get("/", self._serve_names)
 
-    def _tls(self) -> ssl.SSLContext:
+    def _certified(self) -> ssl.SSLContext:
         hosts = [*self._info.hosts, "localhost", LOOPBACK, socket.gethostname()]
         paths = certificate.ensure(certificate.folder(), hosts, self._now_s)
         context = ssl.create_default_context(ssl.Purpose.CLIENT_AUTH)
@@ -138,7 +139,8 @@ class WebServer:
             ) from None
         return context
 
-    def _addresses(self, port: int, token: str | None) -> list[str]:
+    def _addresses(self, port: int) -> list[str]:
+        token = self._token
         scheme = ("http" if self._info.page else "ws") + ("s" if token else "")
         hosts = [self._info.host] if token is None else self._info.hosts
         query = f"?token={token}" if token else ""

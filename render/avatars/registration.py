@@ -18,6 +18,7 @@ from render.avatars.alignment import Doubles, Pose
 from render.avatars.maker import Maker
 from render.avatars.surface_scan import Scan
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.decoder.mesh_parts import SKIN_VERTICES
 from render.types import Floats, Ints
 from sensors.types import InputError
@@ -98,7 +99,7 @@ def register(maker: Maker, scan: Scan, landmarks: dict[str, Doubles], progress: 
 
 def people(maker: Maker) -> Doubles:  # [K, V, 3] mm
     """How the shipped people differ from the mean face, and a head of another size."""
-    heads = [identity.load(name).geometry for name in identity.shipped()]
+    heads = [identity.load(name).geometry for name in avatar_files.shipped()]
     differences = [head.astype(np.float64) - maker.template for head in heads]
     return np.stack([*differences, maker.template.astype(np.float64) * SIZE_SHARE])
 

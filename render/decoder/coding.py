@@ -6,11 +6,16 @@ for what the prior learns. The map never changes: encoders are trained against i
 """
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from render.decoder.learned import weights_file
 from render.types import Floats
 
+KIND = "prior"  # of the file that holds this and the rest of the decoder
 EXPRESSION_DIM = 256
 TONGUE_REACH = 6.0  # length of a full tongue activation in the code
 # Length of the free part of a normalised code: of all faces it is shorter than the first; from the
@@ -28,6 +33,17 @@ class Coding:
     frame: Floats  # [256, 256] orthonormal: rotates codes so that the rig comes first
     mean: Floats  # [256] of codes in that frame, over plausible faces
     deviation: Floats  # [256]
+
+    @classmethod
+    def of(cls, t: dict[str, NDArray[Any]]) -> "Coding":
+        return cls(
+            *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
+        )
+
+    @classmethod
+    def load(cls, folder: Path = weights_file.FOLDER) -> "Coding":
+        """Without the rest of the decoder, which takes seconds."""
+        return cls.of(weights_file.load(folder / "prior", KIND)[0])
 
     def normalised(self, code: Floats) -> Floats:  # [..., 256] -> unit variance, rig first
         return ((code @ self.frame.T - self.mean) / self.deviation).astype(np.float32, copy=False)

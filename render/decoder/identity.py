@@ -16,15 +16,12 @@ from numpy.typing import NDArray
 from render.decoder import avatar_check, density
 from render.decoder import beard as beards
 from render.decoder.beard import Beard
-from render.decoder.learned import weights_file
+from render.decoder.learned import avatar_files, weights_file
 from render.decoder.posing import GEOMETRY_STEPS, Rest
 from render.strands import Hair
 from render.types import Density, Floats
-from sensors import folders
-from sensors.types import InputError
 
 KIND = "identity"
-PREFIX = "avatar_"
 GLOSS_STEPS, DETAIL_STEPS = 160, 128  # in a file, a whole
 
 
@@ -56,52 +53,17 @@ class Identity:
         return self.rest.eye_centers
 
 
-def user_folder() -> Path:
-    """The folder to which `avatar create` writes."""
-    return folders.data() / "avatars"
-
-
-def shipped() -> list[str]:
-    """Names of the shipped avatars, sorted."""
-    return _names(weights_file.FOLDER)
-
-
-def names(folder: Path | None = None) -> list[str]:
-    """The identities that can be loaded by name, sorted; default: the shipped and the user's."""
-    if folder is not None:
-        return _names(folder)
-    return sorted({*shipped(), *_names(user_folder())})
-
-
-def _names(folder: Path) -> list[str]:
-    return sorted(path.stem.removeprefix(PREFIX) for path in folder.glob(f"{PREFIX}*.safetensors"))
-
-
-def path_of(name: str, folder: Path | None = None) -> Path:
-    """The file of an identity, by its name or FILE.safetensors; InputError naming those that
-    exist."""
-    if name.endswith(".safetensors"):
-        return Path(name)
-    if name in names(folder):
-        folder = folder or (weights_file.FOLDER if name in shipped() else user_folder())
-        return folder / f"{PREFIX}{name}.safetensors"
-    raise InputError(
-        f"avatar: expected one of {', '.join(names(folder)) or '(none)'} or a .safetensors "
-        f"file, got {name!r}; run: livedrive avatar list"
-    )
-
-
 def load(name: str, folder: Path | None = None) -> Identity:
     """Load one identity by its name, or from FILE.safetensors; its tensors are checked, against
     the decoder in `folder` if one is there.
 
     Raises InputError naming the ones that exist.
     """
-    path = path_of(name, folder)
+    path = avatar_files.path_of(name, folder)
     t, _ = weights_file.load(path, KIND)
     whole = folder is not None and (folder / "prior.safetensors").is_file()
     avatar_check.check(t, path, folder if folder and whole else weights_file.FOLDER)
-    name = path.stem.removeprefix(PREFIX)
+    name = path.stem.removeprefix(avatar_files.PREFIX)
     geometry = t["geometry"].astype(np.float32) / GEOMETRY_STEPS
     rest = Rest(geometry, t["eye_centers"], (t["reach_l"], t["reach_r"]), t["shut"])
     hair = Hair(
@@ -166,5 +128,5 @@ def save(who: Identity, folder: Path, card: dict[str, Any], *, private: bool = F
             for preset, gain in who.detail.items()
         },
     }
-    path = folder / f"{PREFIX}{who.name}"
+    path = folder / f"{avatar_files.PREFIX}{who.name}"
     weights_file.save(path, tensors, {"kind": KIND, **card}, private=private)

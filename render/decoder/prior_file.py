@@ -10,7 +10,7 @@ from scipy.sparse import csr_array, diags_array, eye_array
 
 from render import wrinkles
 from render.decoder import density, eyes, surface
-from render.decoder.coding import Coding
+from render.decoder.coding import KIND, Coding
 from render.decoder.cover import cover, lining, molars
 from render.decoder.learned import atlas, weights_file
 from render.decoder.learned.light import LightNet
@@ -20,7 +20,6 @@ from render.teeth_light import TeethLight
 from render.tongue_light import TongueLight
 from render.types import Density
 
-KIND = "prior"
 LIPS_MM = 18.0  # from their middle: farther out the lining of the mouth keeps its corners dark
 Tensors = dict[str, NDArray[Any]]
 KNOWN = 4  # every density, and the order of the file
@@ -92,12 +91,9 @@ def _parts(t: Tensors, card: dict[str, Any], gaussians: Density | None) -> dict[
         layers = density.layered(head, template(t), deep, shares, opacities)
         head = replace(head.take(layers.rows), scales=layers.widths, depths=layers.depths)
         shares, opacities, rows = layers.shares, layers.opacities, rows[layers.rows]
-    coding = Coding(
-        *(t[k] for k in ("to_code", "to_rig", "free", "frame", "code_mean", "code_deviation"))
-    )
     return {
         "rig_names": list(card["rig_names"]),
-        "coding": coding,
+        "coding": Coding.of(t),
         "posing": pose,
         "surface": head,
         "light": LightNet.of(t),

@@ -24,6 +24,7 @@ from render.decoder import identity
 from render.decoder.beard import joined
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
+from render.decoder.learned import avatar_files
 from render.gl.contexts import GLContext
 from render.lighting import LUMINANCE
 from render.splats.renderer import wrap_context
@@ -79,7 +80,7 @@ class PhotoStudio:
         person = people.draw(face, people.HELD_OUT + index)
         geometry, skin = people.neutral(face, person), self._wardrobe.texture(person)
         who = self.maker.identity("sitter", geometry, skin, person.eye)
-        at, shipped = who.geometry, identity.shipped()
+        at, shipped = who.geometry, avatar_files.shipped()
         lender = identity.load(shipped[int(rng.integers(len(shipped)))])
         dark = (0.16, 0.11, 0.08)
         own = brows.grow(

@@ -7,7 +7,16 @@ import threading
 import numpy as np
 import pytest
 
+from sensors.spinning import wait_for
 from sensors.threads import Threads
+
+
+def test_what_waits_is_compiled_before_there_is_work():
+    threads = Threads()
+    compiled = list(wait_for.signatures)
+    threads.share(lambda part: None, 8)
+    threads.both(lambda: None, lambda: None)
+    assert len(compiled) == 1 and wait_for.signatures == compiled
 
 
 def test_every_part_is_done_once_whoever_does_it():

@@ -126,11 +126,11 @@ def safetensors(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
 def avatar(fuzzer: Fuzzer, folder: Path) -> Callable[[], None]:
     """Shipped avatars with one tensor damaged, checked and loaded."""
     from render.decoder import identity
-    from render.decoder.learned import weights_file
+    from render.decoder.learned import avatar_files, weights_file
 
-    name = identity.shipped()[0]
+    name = avatar_files.shipped()[0]
     tensors, card = weights_file.load(
-        weights_file.FOLDER / f"{identity.PREFIX}{name}", identity.KIND
+        weights_file.FOLDER / f"{avatar_files.PREFIX}{name}", identity.KIND
     )
     names, path = sorted(tensors), folder / "avatar"
 

@@ -13,6 +13,7 @@ from app.call.table.seats import SeatReader, Seats, Sitter
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
+from render.decoder.learned import avatar_files
 from render.types import FIELDS, Gaussians, Shine
 from sensors.types import HeadPose, InputError
 
@@ -125,7 +126,7 @@ class Company:
         if name not in self._avatars:
             if len(self._avatars) >= MAX_AVATARS:
                 self._avatars.clear()
-            known = sitter.file or name in identity.names()
+            known = sitter.file or name in avatar_files.names()
             try:
                 self._avatars[name] = identity.load(name if known else FALLBACK)
             except (InputError, OSError):  # a process that may not read it, or it went

@@ -63,9 +63,9 @@ class CallOptions(LiveDriveOptions):
 
     def file_of_avatar(self) -> str:
         """Empty unless it is offered."""
-        from render.decoder import identity
+        from render.decoder.learned import avatar_files
 
-        return str(identity.path_of(self.avatar).resolve()) if self.offer_avatar else ""
+        return str(avatar_files.path_of(self.avatar).resolve()) if self.offer_avatar else ""
 
     def run(self) -> None:
         from app.call.wire import ice

@@ -60,6 +60,7 @@ def make_clip(camera: "NearEye", number: int, seconds: float) -> EyeClip:
     from encoder.capture.motion.style import Style
     from encoder.capture.speech.synthesis import speak_flite
     from render.decoder import identity
+    from render.decoder.learned import avatar_files
     from render.near_eye.look import Look, varied
 
     rng = np.random.default_rng([FIRST_SEED, number])
@@ -69,7 +70,7 @@ def make_clip(camera: "NearEye", number: int, seconds: float) -> EyeClip:
     sound = np.pad(sound, (0, padding))
     motion = speech_curves(spoken.phones, sound, Style.draw(rng), rng, lips=lips())
     count = min(len(motion.rig), int(seconds * FPS))
-    people = [identity.load(name) for name in identity.shipped()]
+    people = [identity.load(name) for name in avatar_files.shipped()]
     wearer = camera.wear(varied(people, rng), Look.draw(rng), rng)
     pairs = [camera.draw(wearer, motion.rig[t], motion.gaze[t], rng) for t in range(count)]
     return EyeClip(

@@ -19,15 +19,16 @@ from app.call.wire.agreement import Hello
 from app.call.wire.packet import MalformedError
 from render.decoder import identity
 from render.decoder.decoder import Decoder
+from render.decoder.learned import avatar_files
 from sensors.types import InputError
 
-FILE = identity.path_of("ada")
+FILE = avatar_files.path_of("ada")
 MATERIAL = synthetic_material(2, 0)
 
 
-@pytest.mark.parametrize("name", identity.shipped())
+@pytest.mark.parametrize("name", avatar_files.shipped())
 def test_every_shipped_avatar_can_be_sent(name: str) -> None:
-    Parcel(identity.path_of(name))
+    Parcel(avatar_files.path_of(name))
 
 
 def test_parts_come_in_any_order_and_more_than_once() -> None:

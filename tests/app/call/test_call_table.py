@@ -13,6 +13,7 @@ from app.call.table.seats import SeatReader, Seats
 from app.call.wire.packet import Tick
 from render.decoder import identity
 from render.decoder.decoder import Decoder
+from render.decoder.learned import avatar_files
 from render.types import AHEAD, Gaussians, Shine
 from sensors.types import HeadPose
 
@@ -99,8 +100,8 @@ def test_a_place_turns_moves_and_scales_rigidly() -> None:
 def test_a_partner_names_no_file_of_this_machine(tmp_path: Path) -> None:
     decoder = Decoder.load(gaussians="16k")
     _, own = decoder.decode(np.zeros(256, np.float32), AHEAD, identity.load("ben"))
-    mine = shutil.copy(identity.path_of("ada"), tmp_path)
-    shutil.copy(identity.path_of("ada").with_suffix(".json"), tmp_path)
+    mine = shutil.copy(avatar_files.path_of("ada"), tmp_path)
+    shutil.copy(avatar_files.path_of("ada").with_suffix(".json"), tmp_path)
     seats, colors = seated("eve"), list[np.ndarray]()
     for avatar in (mine, FALLBACK, "ada"):
         seats.take("eve", "Eve", str(avatar))

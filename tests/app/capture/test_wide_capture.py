@@ -11,7 +11,7 @@ from app.capture import eyes as usual
 from app.capture import wide_eyes
 from app.capture.no_eyes import no_eye
 from encoder.training.streams.wide_eyes import WidePictures
-from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.near_eye.look import MAX_LEDS, Look
 from render.near_eye.primitives import place_in_picture
 from render.near_eye.wide_look import AIM, painted, wide_look
@@ -53,7 +53,7 @@ def test_no_two_pictures_of_no_eye_are_alike() -> None:
 
 def test_faces_of_the_user_are_in_no_data(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Red before: avatars of this machine were drawn into pictures that others train with."""
-    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    monkeypatch.setattr(avatar_files, "user_folder", lambda: tmp_path)
     (tmp_path / "avatar_me.safetensors").write_bytes(b"damaged")
     monkeypatch.setattr(usual, "PEOPLE_A_FILE", 0)
     monkeypatch.setattr(wide_eyes, "_renderer", object())

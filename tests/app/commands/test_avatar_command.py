@@ -19,6 +19,7 @@ from render.avatars.maker import Maker
 from render.cameras import portrait
 from render.decoder import identity
 from render.decoder.decoder import Decoder
+from render.decoder.learned import avatar_files
 from render.splats.renderer import create_renderer
 from render.types import AHEAD, DENSITY
 from sensors.types import InputError
@@ -42,7 +43,7 @@ def files(tmp_path: Path) -> dict[str, Path]:
 def test_a_scan_becomes_an_avatar_with_hair_and_a_card(files: dict[str, Path]) -> None:
     CreateAvatar(name="me", eye="green", hair="ben", **files).run()
     who = identity.load("me", files["out"])
-    assert identity.names(files["out"]) == ["me"]
+    assert avatar_files.names(files["out"]) == ["me"]
     # Lips are sealed anew and rounded again: three steps of 1/128 mm on the shipped faces.
     assert np.abs(who.geometry - identity.load("kofi").geometry).max() < 0.03
     assert len(who.hair) == len(identity.load("ben").hair)
@@ -162,7 +163,7 @@ def test_a_wrong_word_is_refused_before_the_work(
 ) -> None:
     with pytest.raises(InputError, match="expected"):
         CreateAvatar(name=name, hair=hair, eye="brown", **files).run()
-    assert identity.names(files["out"]) == []
+    assert avatar_files.names(files["out"]) == []
 
 
 @pytest.mark.parametrize("out", ["t.png", "t.png/below", "/proc/mine"])

@@ -8,15 +8,14 @@ import pytest
 
 from app.avatars import pictures
 from app.commands import doctor
-from render.decoder import identity
-from render.decoder.learned import weights_file
+from render.decoder.learned import avatar_files, weights_file
 
 
 def test_avatars_of_the_user_are_among_them(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Red before: the shipped ones alone."""
-    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    monkeypatch.setattr(avatar_files, "user_folder", lambda: tmp_path)
     for suffix in (".json", ".safetensors"):
         shutil.copy(weights_file.FOLDER / f"avatar_ada{suffix}", tmp_path / f"avatar_me{suffix}")
     told = doctor.CHECKS["avatars"]()
@@ -46,8 +45,8 @@ def test_a_damaged_avatar_does_not_keep_the_others_from_being_drawn(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Red before: `avatar show all` ended with it."""
-    monkeypatch.setattr(identity, "user_folder", lambda: tmp_path)
+    monkeypatch.setattr(avatar_files, "user_folder", lambda: tmp_path)
     (tmp_path / "avatar_me.safetensors").write_bytes(b"")
     names = [who.name for who in pictures.everybody()]
-    assert names == identity.shipped()
+    assert names == avatar_files.shipped()
     assert capsys.readouterr().err.startswith("livedrive: me is left out: weights: expected ")

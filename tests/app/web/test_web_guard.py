@@ -2,6 +2,7 @@
 
 import asyncio
 import errno
+import shutil
 import socket
 import ssl
 from collections.abc import Iterator
@@ -22,8 +23,23 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder, microphone=True) as made:
+    with serving(decoder, microphone=True, gaussians="16k") as made:
         yield made
+
+
+@pytest.fixture(scope="module")
+def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The user's settings, in which that of the next fixture has put certificate, key and token."""
+    return tmp_path_factory.mktemp("config")
+
+
+@pytest.fixture(scope="module")
+def far(decoder: Decoder, config: Path) -> Iterator[Talker]:
+    """A server for other machines."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CONFIG_HOME", str(config))
+        with serving(decoder, host="0.0.0.0", gaussians="16k") as made:
+            yield made
 
 
 @pytest.mark.parametrize(
@@ -50,34 +66,30 @@ def test_other_sites_are_refused(talker: Talker, headers: dict[str, str], status
     play(work)
 
 
-def test_beyond_this_machine_there_is_https_and_a_token(
-    decoder: Decoder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    with serving(decoder, host="0.0.0.0") as talker:
-        address, token = talker.address.split("?token=")
-        assert address.startswith("https://") and len(token) >= 20
-        key = tmp_path / "livedrive" / certificate.KEY_FILE
-        assert key.stat().st_mode & 0o077 == 0
-        trust = ssl.create_default_context(cafile=str(key.with_name(certificate.NAMES_FILE)))
-        port = address.rsplit(":", 1)[1]
-        local = f"https://127.0.0.1:{port}"
+def test_beyond_this_machine_there_is_https_and_a_token(far: Talker, config: Path) -> None:
+    address, token = far.address.split("?token=")
+    assert address.startswith("https://") and len(token) >= 20
+    key = config / "livedrive" / certificate.KEY_FILE
+    assert key.stat().st_mode & 0o077 == 0
+    trust = ssl.create_default_context(cafile=str(key.with_name(certificate.NAMES_FILE)))
+    port = address.rsplit(":", 1)[1]
+    local = f"https://127.0.0.1:{port}"
 
-        async def work() -> None:
-            jar = aiohttp.CookieJar(unsafe=True)
-            async with aiohttp.ClientSession(cookie_jar=jar) as session:
-                for path in ("", "main.js", "head", "?token=wrong"):
-                    refused = await session.get(f"{local}{path}", ssl=trust)
-                    assert refused.status == 403 and "as livedrive printed" in await refused.text()
-                page = await session.get(f"{local}?token={token}", ssl=trust)
-                assert page.status == 200
-                cookie = page.headers["Set-Cookie"]
-                assert "HttpOnly" in cookie and "Secure" in cookie and "SameSite=Strict" in cookie
-                assert (await session.get(f"{local}main.js", ssl=trust)).status == 200
-                async with session.ws_connect(f"{local}head", ssl=trust, max_msg_size=0) as ws:
-                    assert (await ws.receive_bytes())[0] == 1
+    async def work() -> None:
+        jar = aiohttp.CookieJar(unsafe=True)
+        async with aiohttp.ClientSession(cookie_jar=jar) as session:
+            for path in ("", "main.js", "head", "?token=wrong"):
+                refused = await session.get(f"{local}{path}", ssl=trust)
+                assert refused.status == 403 and "as livedrive printed" in await refused.text()
+            page = await session.get(f"{local}?token={token}", ssl=trust)
+            assert page.status == 200
+            cookie = page.headers["Set-Cookie"]
+            assert "HttpOnly" in cookie and "Secure" in cookie and "SameSite=Strict" in cookie
+            assert (await session.get(f"{local}main.js", ssl=trust)).status == 200
+            async with session.ws_connect(f"{local}head", ssl=trust, max_msg_size=0) as ws:
+                assert (await ws.receive_bytes())[0] == 1
 
-        play(work)
+    play(work)
 
 
 def test_no_other_page_frames_this_one(talker: Talker) -> None:
@@ -91,45 +103,45 @@ def test_no_other_page_frames_this_one(talker: Talker) -> None:
     play(work)
 
 
-def test_a_token_lasts_and_belongs_to_one_port(
-    decoder: Decoder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    first = access.ensure(certificate.folder())
-    assert access.ensure(certificate.folder()) == first
-    assert (certificate.folder() / access.TOKEN_FILE).stat().st_mode & 0o077 == 0
-    with serving(decoder, host="0.0.0.0") as talker:
-        address, token = talker.address.split("?token=")
-        assert token == first
-        port = int(address.rsplit(":", 1)[1].strip("/"))
+def test_a_token_belongs_to_one_port(far: Talker) -> None:
+    address, token = far.address.split("?token=")
+    port = int(address.rsplit(":", 1)[1].strip("/"))
 
-        async def work() -> None:
-            async with aiohttp.ClientSession() as session:
-                for cookie, status in (
-                    (f"livedrive_{port}={token}", 200),
-                    (f"livedrive_{port + 1}={token}", 403),
-                    (f"livedrive_{port}=\xff", 403),
-                    ('a="', 403),
-                ):
-                    got = await session.get(
-                        f"https://127.0.0.1:{port}/", ssl=False, headers={"Cookie": cookie}
-                    )
-                    assert got.status == status, cookie
+    async def work() -> None:
+        async with aiohttp.ClientSession() as session:
+            for cookie, status in (
+                (f"livedrive_{port}={token}", 200),
+                (f"livedrive_{port + 1}={token}", 403),
+                (f"livedrive_{port}=\xff", 403),
+                ('a="', 403),
+            ):
+                got = await session.get(
+                    f"https://127.0.0.1:{port}/", ssl=False, headers={"Cookie": cookie}
+                )
+                assert got.status == status, cookie
 
-        play(work)
+    play(work)
+
+
+def test_a_token_lasts(far: Talker, config: Path, tmp_path: Path) -> None:
+    assert access.ensure(config / "livedrive") == far.address.split("?token=")[1]
+    first = access.ensure(tmp_path)
+    assert access.ensure(tmp_path) == first
+    token_file = tmp_path / access.TOKEN_FILE
+    assert token_file.stat().st_mode & 0o077 == 0
     for damaged in (b"short", b"\x8a\xff" * 16):  # red before: the second was a traceback
-        (certificate.folder() / access.TOKEN_FILE).write_bytes(damaged)
+        token_file.write_bytes(damaged)
         with pytest.raises(InputError, match="delete it"):
-            access.ensure(certificate.folder())
+            access.ensure(tmp_path)
 
 
+@pytest.mark.usefixtures("far")
 def test_a_key_of_another_certificate_is_told(
-    decoder: Decoder, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    decoder: Decoder, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Red before: "choose another port"."""
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
-    with serving(decoder, host="0.0.0.0"):
-        pass
+    shutil.copytree(config / "livedrive", certificate.folder())
     other = certificate.ensure(tmp_path / "other", ["localhost"], 1.8e9)[1]
     (certificate.folder() / certificate.KEY_FILE).write_bytes(other.read_bytes())
     with pytest.raises(InputError, match="delete both files"), serving(decoder, host="0.0.0.0"):
@@ -147,7 +159,7 @@ def test_a_folder_of_settings_that_cannot_be_used_is_told(
 
 
 def test_an_address_of_ipv6_can_be_opened(decoder: Decoder) -> None:
-    with serving(decoder, host="::1") as talker:
+    with serving(decoder, host="::1", gaussians="16k") as talker:
         assert talker.address.startswith("http://[::1]:")
 
         async def work() -> None:

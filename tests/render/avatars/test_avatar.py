@@ -14,6 +14,7 @@ from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
 from render.decoder.decoder import Decoder
 from render.decoder.identity import Identity
+from render.decoder.learned import avatar_files
 from render.gl.contexts import GLContext
 from render.splats.shine import colors_from
 from render.types import FIELDS, Gaussians
@@ -73,7 +74,7 @@ def test_every_bust_ends_in_a_fade(maker, bald):
     """Red before: only those that are shipped did; one made from a scan had a torn edge."""
     head = maker.surface
     heights = head.interpolate @ maker.template[head.used, 1]
-    for who in (bald, *map(identity.load, identity.shipped())):
+    for who in (bald, *map(identity.load, avatar_files.shipped())):
         shown = who.opacity_factors
         assert shown[heights < -188].max() < 0.2 and (shown[heights < -188] > 0).any()
         assert 0.3 < shown[(heights > -182) & (heights < -178)].mean() < 0.7

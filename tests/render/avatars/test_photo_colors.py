@@ -12,6 +12,7 @@ from render.avatars.photos.shape.picture import Photo
 from render.avatars.scan_texture import SIZE
 from render.cameras import portrait
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.lighting import developed
 from render.types import Doubles
 
@@ -76,7 +77,7 @@ def test_the_same_skin_is_found_in_white_and_in_orange_light(maker: Maker) -> No
     _, pale = exposure.estimate(maker, [shut(plain)], [6 * TONE])
     palest = max(
         np.log(np.median(identity.load(name).albedo[maker.face] ** 2, 0)).mean()
-        for name in identity.shipped()
+        for name in avatar_files.shipped()
     )
     assert np.log(pale).mean() == pytest.approx(palest, abs=1e-4)
     _, candle = exposure.estimate(maker, [shut(plain)], [TONE * [1.0, 0.5, 0.0]])

@@ -16,6 +16,7 @@ from render.avatars import alignment, registration, scan_texture, surface_scan
 from render.avatars.maker import Maker
 from render.avatars.surface_scan import Scan
 from render.decoder import identity, mesh_parts
+from render.decoder.learned import avatar_files
 from render.gl.contexts import GLContext
 from render.types import AHEAD
 from sensors.types import InputError
@@ -56,9 +57,9 @@ def scan_file(maker: Maker, tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def fit(maker: Maker, scan_file: Path) -> registration.Fit:
     """With the scanned person left out of those who are known."""
-    others = [name for name in identity.shipped() if name != "joao"]
+    others = [name for name in avatar_files.shipped() if name != "joao"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(identity, "shipped", lambda: others)
+        patch.setattr(avatar_files, "shipped", lambda: others)
         scan = surface_scan.read(scan_file, NOWHERE)
         assert scan.unit == "m"
         return registration.register(maker, scan, {}, lambda stage, done: None)

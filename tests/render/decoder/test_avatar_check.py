@@ -10,7 +10,7 @@ from safetensors.numpy import load_file
 from safetensors.numpy import save as to_bytes
 
 from render.decoder import identity, prior_file
-from render.decoder.learned import weights_file
+from render.decoder.learned import avatar_files, weights_file
 from sensors.types import InputError
 
 
@@ -98,7 +98,7 @@ def test_people_of_the_user_are_found_by_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path))
-    identity.user_folder().mkdir(parents=True)
-    write(identity.user_folder(), shipped("ada"))
-    assert "evil" in identity.names() and "evil" not in identity.shipped()
+    avatar_files.user_folder().mkdir(parents=True)
+    write(avatar_files.user_folder(), shipped("ada"))
+    assert "evil" in avatar_files.names() and "evil" not in avatar_files.shipped()
     assert identity.load("evil").name == "evil"

@@ -14,7 +14,7 @@ from render.decoder import lines as contact
 from render.decoder.cover import spacing
 from render.decoder.decoder import Decoder
 from render.decoder.eyes import bared
-from render.decoder.learned import weights_file
+from render.decoder.learned import avatar_files, weights_file
 from render.types import AHEAD, Camera, Gaussians
 
 SIZE_PX, SPAN_MM, DISTANCE_MM = 256, 40.0, 900.0
@@ -119,7 +119,7 @@ def test_ears_and_nape_have_no_holes(decoder, tiles):
     assert np.quantile(picture[inside], 0.01) > 0.65
 
 
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_an_eye_that_turns_brings_out_no_darkness(decoder, name):
     """Light follows the expression, not the look: what lids hide at rest must be lit as well."""
     who = identity.load(name)

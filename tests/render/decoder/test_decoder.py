@@ -9,7 +9,7 @@ import pytest
 
 from render.decoder import identity, prior_file
 from render.decoder.decoder import EXPRESSION_DIM, Decoder
-from render.decoder.learned import weights_file
+from render.decoder.learned import avatar_files, weights_file
 from render.decoder.posing import KAPPA_DEG, gaze_rotation
 from render.types import AHEAD, FIELDS
 from sensors.types import InputError
@@ -52,7 +52,7 @@ def test_vertices_move_as_the_code_says(decoder: Decoder) -> None:
     assert np.abs(moved).max() > 2
 
 
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_every_avatar_opens_its_mouth_and_turns_its_eyes(decoder: Decoder, name: str) -> None:
     who = identity.load(name)
     rest = decoder.vertices(np.zeros(EXPRESSION_DIM, np.float32), AHEAD, who)

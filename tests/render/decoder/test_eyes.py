@@ -7,6 +7,7 @@ from scenes import rig_of
 from render.avatars.sheet import gaze
 from render.decoder import identity, posing
 from render.decoder.eyes import OPACITY as HIGHLIGHT_OPACITY
+from render.decoder.learned import avatar_files
 from render.decoder.posing import followed
 from render.types import AHEAD
 
@@ -24,7 +25,7 @@ def test_a_lid_shades_the_eye_below_it(decoder):
     assert near.mean() < 0.85 < 0.93 < far.mean()
 
 
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_the_highlight_lies_on_the_eye_and_not_in_it(decoder, name):
     """Eyes differ in size: a spot at one distance hid inside the larger half of them."""
     who = identity.load(name)
@@ -63,7 +64,7 @@ def test_lids_go_with_the_eyes(decoder):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_a_lid_covers_the_highlight(decoder, name):
     """It lies before the cornea, and so before the lid that slides over it."""
     who = identity.load(name)

@@ -7,6 +7,7 @@ from scipy.spatial import KDTree
 
 from render.avatars import sheet
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.decoder.posing import OVERSHOOT, SOFT_LIMIT, TOUCH_MM, limit
 from render.evaluation.metrics import LipCrossing
 from render.types import AHEAD
@@ -115,7 +116,7 @@ def test_light_follows_the_expression(decoder):
     assert opened[0, tongue].mean() > still[0, tongue].mean() + 0.008
 
 
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_no_gum_comes_through_a_smiling_lip(decoder, name):
     who = identity.load(name)
     _, cloud = decoder.decode(sheet.code(decoder, sheet.MOODS["happy"][0]), AHEAD, who)
@@ -141,7 +142,7 @@ def test_no_beard_grows_behind_the_lips(decoder, name):
     assert not (opening & behind).any()
 
 
-@pytest.mark.parametrize("name", identity.names())
+@pytest.mark.parametrize("name", avatar_files.names())
 def test_a_shirt_has_a_hem_all_around(decoder, name):
     who = identity.load(name)
     roots = (who.geometry[who.beard.corners] * who.beard.shares[..., None]).sum(1)

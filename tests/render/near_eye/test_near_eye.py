@@ -7,6 +7,7 @@ import pytest
 
 from render.decoder import identity
 from render.decoder.decoder import Decoder
+from render.decoder.learned import avatar_files
 from render.near_eye.camera import NearEye, Wearer
 from render.near_eye.look import Look, varied
 
@@ -110,7 +111,7 @@ def test_the_same_seed_draws_the_same_pictures(near_eye, wearer):
 
 
 def test_people_vary_but_keep_their_eyeballs_in_place():
-    people = [identity.load(name) for name in identity.names()]
+    people = [identity.load(name) for name in avatar_files.names()]
     one, other = (varied(people, np.random.default_rng(k)) for k in (1, 2))
     assert np.abs(one.geometry - other.geometry).max() > 0.5
     assert np.linalg.norm(one.eye_centers - people[0].eye_centers, axis=1).max() < 8

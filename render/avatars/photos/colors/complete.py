@@ -10,6 +10,7 @@ from render.avatars.maker import Maker
 from render.avatars.photos.colors.light import DARK
 from render.avatars.scan_texture import SIZE
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.types import Doubles, Floats
 
 KNOWN = 0.25  # weight at which a place is known
@@ -28,13 +29,13 @@ MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; 
 def typical(maker: Maker) -> Doubles:  # [T, 3]
     """How skin differs over a head from the tone of its face, without hair: of shipped people."""
     found: list[Doubles] = []
-    for name in identity.shipped():
+    for name in avatar_files.shipped():
         linear = identity.load(name).albedo.astype(np.float64) ** 2
         found.append(linear / np.median(linear[maker.face], 0))
     ratios = np.array(found)
     bright = np.argsort(ratios.sum(2), axis=0)[int(BRIGHT * (len(found) - 1))]
     ratio = ratios[bright, np.arange(ratios.shape[1])]
-    bald = ratios[identity.shipped().index(PLAIN)]
+    bald = ratios[avatar_files.shipped().index(PLAIN)]
     wide, high = np.abs(maker.template[maker.regions["brows"], :2]).max(0)
     aside, up, ahead = anchors(maker).T
     temples = ramp(np.abs(aside) - wide, *BESIDE_MM) * ramp(up, *CHEEKS_MM)

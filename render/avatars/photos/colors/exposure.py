@@ -12,6 +12,7 @@ from render.avatars.photos.colors import whites
 from render.avatars.photos.colors.light import DARK
 from render.avatars.photos.shape.picture import Photo
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.types import Doubles
 
 # Of linear light on a white face in photographs as people take them: logarithm of its brightness,
@@ -28,7 +29,7 @@ def estimate(
 ) -> tuple[list[Doubles], Doubles]:
     """From the median linear colours of the face [3] in each photograph: the light in each [3], and
     the skin's tone [3], linear albedo."""
-    people = np.log([_tone(maker, name) for name in identity.shipped()])
+    people = np.log([_tone(maker, name) for name in avatar_files.shipped()])
     total = np.zeros((3 + 3 * len(photos),) * 2)  # weights of what is likely, and where that pulls
     pull = np.zeros(len(total))
     spread = np.cov(people.T) + _spread(SKIN_HUE_SPREAD, SKIN_SPREAD)

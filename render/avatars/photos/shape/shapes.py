@@ -18,6 +18,7 @@ from render.avatars.photos.shape.places import PointPlaces
 from render.avatars.photos.shape.point_shapes import PointShapes
 from render.avatars.registration import ATTACHED, SKIN_VERTICES, attached, visible
 from render.decoder import identity
+from render.decoder.learned import avatar_files
 from render.types import Doubles, Ints
 
 REACH_MM = 80.0  # over which parts of a face belong together
@@ -63,7 +64,7 @@ def build(maker: Maker, places: PointPlaces, left_out: tuple[str, ...] = ()) -> 
     rest = maker.template.astype(np.float64)
     face, _ = visible(maker)
     found: list[Doubles] = []
-    for name in identity.shipped():
+    for name in avatar_files.shipped():
         if name not in left_out:
             head = identity.load(name).geometry.astype(np.float64)
             found.append(similarity(head[face], rest[face], scaled=False).place(head))
