@@ -46,7 +46,7 @@ class HairPlaces:
         jaws = (height < high + ABOVE_LIPS_MM) & (height > low - BELOW_LIPS_MM) & (at[:, 2] > 0)
         mouth = jaws & (beside < wide + BESIDE_LIPS_MM)
         upper, lips = mouth & (height >= high), mouth & (height > low) & (height < high)
-        opposite = KDTree(at[jaws]).query(at[jaws] * MIRROR)[1].astype(np.int32)
+        opposite = np.asarray(KDTree(at[jaws]).query(at[jaws] * MIRROR)[1], np.int32)
         return cls(_edge(maker, at), _on_brows(at, points), mouth, upper, lips, jaws, opposite)
 
 
@@ -65,7 +65,7 @@ def bearded(color: Doubles, tone: Doubles, places: HairPlaces) -> Places:
     """What is unlike the skin's tone around the mouth on both sides, and above it, too, as shade
     is not, and what is joined to that."""
     unlike = light.likeness(color, tone) < 0.5
-    near = maximum_filter(unlike.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel()
+    near = maximum_filter(unlike.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel().astype(bool)
     both = np.zeros_like(unlike)
     both[places.jaws] = unlike[places.jaws] & near[places.jaws][places.opposite]
     if both[places.moustache].mean() < LEAST:
