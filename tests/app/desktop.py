@@ -32,7 +32,7 @@ class Desktop:
 
         xtest.fake_input(self._display, X.MotionNotify, x=round(x), y=round(y))
         self._display.sync()
-        time.sleep(0.05)
+        time.sleep(0.15)
 
     def click(self, x: float, y: float) -> None:
         self.point(x, y)
@@ -54,7 +54,7 @@ class Desktop:
         for event in (X.KeyPress, X.KeyRelease):
             xtest.fake_input(self._display, event, code)
             self._display.sync()
-            time.sleep(0.05)
+            time.sleep(0.15)
 
     def close_window(self, title: str) -> None:
         """What a click on a title bar's cross does."""
@@ -76,7 +76,7 @@ class Desktop:
 
         xtest.fake_input(self._display, X.ButtonPress if down else X.ButtonRelease, 1)
         self._display.sync()
-        time.sleep(0.05)
+        time.sleep(0.15)
 
 
 @contextmanager
