@@ -4,8 +4,6 @@ PY := $(VENV)/bin/python
 PYTHON ?= python3
 # Extra words for pip, e.g. PIP_ARGS="--index-url <PyTorch's CPU index>" for a CPU-only torch.
 PIP_ARGS ?=
-# Tests wait for real time a fifth of theirs: three of them keep two cores busy.
-WORKERS ?= $(shell $(PYTHON) -c 'import os; print((os.cpu_count() * 3 + 1) // 2)')
 # What differs from system to system; pyright reads it for each.
 PORTABLE := app sensors render/gl
 # Bytecode is kept: pytest rewrites every test module, a third of the time to collect them.
@@ -51,14 +49,14 @@ demo: setup  ## replay the demo recording into demo.mp4
 	$(VENV)/bin/livedrive replay recordings/demo --fast --video demo.mp4
 
 test: setup  ## the quick tests, in parallel
-	$(PY) -m pytest -n $(WORKERS) --dist worksteal -m "not slow"
+	$(PY) -m pytest -n auto --dist worksteal -m "not slow"
 
 check: setup  ## ruff, codespell, pyright and every test
 	$(VENV)/bin/ruff check .
 	$(VENV)/bin/ruff format --check .
 	$(VENV)/bin/codespell
 	@$(MAKE) --no-print-directory --jobs 2 --output-sync types loops
-	$(PY) -m pytest -n $(WORKERS) --dist worksteal
+	$(PY) -m pytest -n auto --dist worksteal
 
 loops:  # compiled once beside pyright, not by every worker of pytest
 	$(VENV)/bin/livedrive replay recordings/smoke --fast --video $(VENV)/smoke.mp4
