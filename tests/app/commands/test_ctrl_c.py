@@ -70,7 +70,7 @@ def test_ctrl_c_that_is_ignored_stays_ignored() -> None:
 @pytest.mark.parametrize("sent", ["SIGTERM", "SIGHUP"])
 def test_a_kill_ends_as_ctrl_c_does(sent: str) -> None:
     """So that drafts are removed and files are finished. Red before: it died on the spot."""
-    done = avatars("render.decoder.identity", sent=sent)
+    done = avatars("render.decoder.learned.avatar_files", sent=sent)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")
 
 
