@@ -39,11 +39,14 @@ main()
 
 
 def avatars(
-    module: str, *, ignored: bool = False, sent: str = "SIGINT"
+    module: str, *words: str, ignored: bool = False, sent: str = "SIGINT"
 ) -> "subprocess.CompletedProcess[str]":
-    """`livedrive avatar list`, which gets Ctrl-C, or another signal, when it imports `module`."""
+    """`livedrive avatar list`, or with other words, which gets Ctrl-C, or another signal, when it
+    imports `module`."""
+    ignores = "yes" if ignored else ""
+    words = words or ("list",)
     return subprocess.run(
-        [sys.executable, "-c", CODE, module, "yes" if ignored else "", sent, "avatar", "list"],
+        [sys.executable, "-c", CODE, module, ignores, sent, "avatar", *words],
         cwd=ROOT,
         env=os.environ | {"PYTHONPATH": str(ROOT)},
         capture_output=True,
@@ -68,9 +71,10 @@ def test_ctrl_c_that_is_ignored_stays_ignored() -> None:
 
 @pytest.mark.skipif(sys.platform == "win32", reason="a kill there cannot be caught")
 @pytest.mark.parametrize("sent", ["SIGTERM", "SIGHUP"])
-def test_a_kill_ends_as_ctrl_c_does(sent: str) -> None:
+def test_a_kill_ends_as_ctrl_c_does(sent: str, tmp_path: Path) -> None:
     """So that drafts are removed and files are finished. Red before: it died on the spot."""
-    done = avatars("render.decoder.learned.avatar_files", sent=sent)
+    show = "show", "ada", "--picture", str(tmp_path / "ada.png")
+    done = avatars("render.decoder.decoder", *show, sent=sent)
     assert (done.returncode, done.stdout, done.stderr) == (130, "", "livedrive: stopped\n")
 
 
