@@ -18,10 +18,11 @@ UNITS = {"mm": 1.0, "cm": 10.0, "m": 1000.0}
 EXTENT_MM = (140.0, 800.0)  # longest side of a scan, from a face mask to a bust
 HEAD_MM = 260.0  # from the crown: below are neck and shoulders
 STAGES = (
-    (250, 15, 36),
-    (500, 30, 1),
-    (1000, 30, 1),
-)  # places of the face, rounds of ICP, best kept
+    (250, 5000, 15, 36),
+    (500, 10_000, 10, 8),
+    (500, 10_000, 20, 1),
+    (1000, 40_000, 30, 1),
+)  # places of the face and of the scan, rounds of ICP, best kept
 TRIM = 0.8  # share of the pairs that count, the nearest
 TILTS = ((0, 0, 0), (0, 30, 0), (0, -30, 0), (25, 0, 0), (-25, 0, 0))  # degrees about x, y, z
 
@@ -74,7 +75,7 @@ def find(
     normals: Doubles,  # [m, 3]
 ) -> tuple[Pose, float]:
     """The rigid motion of the face onto the scan, and the mean distance that is left, in mm."""
-    tree, starts = KDTree(points), list[Pose]()
+    starts = list[Pose]()
     for turn in turns():
         up = points @ turn[:, 1]
         crown = points[up > up.max() - HEAD_MM]
@@ -86,10 +87,12 @@ def find(
             offset = middle + turn @ np.array([0, 0, front / 2]) - tilted @ face.mean(0)
             starts.append(Pose(1.0, tilted, offset))
     score = np.inf
-    for places, rounds, kept in STAGES:
-        step = max(1, len(face) // places)
-        some, facing = face[::step], face_normals[::step]
-        found = [icp(s, some, facing, points, normals, tree, rounds) for s in starts]
+    for places, of_scan, rounds, kept in STAGES:
+        few, fewer = max(1, len(face) // places), max(1, len(points) // of_scan)
+        some, facing = face[::few], face_normals[::few]
+        near, away = points[::fewer], normals[::fewer]
+        tree = KDTree(near)
+        found = [icp(s, some, facing, near, away, tree, rounds) for s in starts]
         found.sort(key=lambda one: one[1])
         starts, score = [pose for pose, _ in found[:kept]], found[0][1]
     return starts[0], score

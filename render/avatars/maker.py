@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array
 
 from render import mouth_tints, strands
 from render.avatars import blends, detail, lashes, textures
@@ -67,6 +68,11 @@ class Maker:
     @cached_property
     def occlusion(self) -> Occlusion:
         return Occlusion(self._context or create_context(), self.solid)
+
+    @cached_property
+    def over_atlas(self) -> csr_array:
+        """[T, n] of the Gaussians on the skin, see textures.between."""
+        return textures.between(self.anchor_uv[self.anchor_kinds == mesh_parts.SKIN])
 
     @cached_property
     def _gather(self) -> Any:
@@ -171,7 +177,7 @@ class Maker:
         out: dict[Density, Floats] = {}
         eye, seen = self.anchor_kinds == mesh_parts.EYE, self._shown["65k"].eyes
         known, shown, wanted = KDTree(seen.uv), seen.shares @ albedo, detail.wanted_skin(skin)
-        for preset in detail.THINNER:
+        for preset in blends.THINNER:
             shares, of, of_eyes = self._shown[preset]
             colors = np.asarray(shares @ albedo)
             gains = np.ones(len(colors), np.float32)
@@ -200,7 +206,7 @@ class Maker:
         network.load_state_dict(self._state("identity"))
         used = self.surface.used
         moved = rest.geometry[used] - self.template[used]
-        colors = vertex_albedo(
+        colors = textures.at_vertices(
             skin, self._t["vertex_colors"], self._t["vertex_uv"], self._t["vertex_kinds"][used] == 0
         )
         maps = identity_maps(atlas.build(self._t["places"]), colors, moved, visibility)
@@ -234,16 +240,3 @@ def identity_maps(at: atlas.Atlas, albedo: Floats, moved_mm: Floats, visibility:
     """[U, 3], [U, 3], [U, 2] -> what the identity encoder reads [8, 64, 128]."""
     rows = np.concatenate([albedo - 0.5, moved_mm / GEOMETRY_UNIT_MM, visibility - 0.5], 1)
     return atlas.picture(at, rows.astype(np.float32))
-
-
-def vertex_albedo(
-    skin: Floats,  # [H, 2 H, 3]
-    colors: NDArray[np.uint8],  # [U, 3] of what has no texture
-    uv: Floats,  # [U, 2]
-    on_skin: NDArray[np.bool_],  # [U]
-) -> Floats:  # [U, 3]
-    """The person's skin at the vertices, coarse; everyone's colours elsewhere."""
-    out = colors.astype(np.float32) / np.float32(255)
-    step = max(1, skin.shape[0] // 128)
-    out[on_skin] = textures.sample(skin[::step, ::step], uv[on_skin] * np.array([0.5, 1], "f4"))
-    return out

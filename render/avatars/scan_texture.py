@@ -2,17 +2,16 @@
 
 import numpy as np
 from PIL import Image
-from scipy.interpolate import LinearNDInterpolator, NearestNDInterpolator
 from scipy.ndimage import gaussian_filter
 from scipy.spatial import KDTree
 
 from render.avatars.maker import Maker
 from render.avatars.surface_scan import Scan
+from render.avatars.textures import SIZE
 from render.decoder import mesh_parts
 from render.decoder.posing import sphere_centre
 from render.types import Doubles, Floats
 
-SIZE = 512  # texels: half of the atlas, about what a scan shows
 NEIGHBOURS = 3
 LID_MM = 0.7  # a lid lies farther than this above its eyeball
 HOLE_MM = (3.0, 8.0)  # from a place of the scan: there its colour gives way to those around
@@ -43,24 +42,12 @@ def enlarged(stored: Floats | Doubles) -> Floats:  # [SIZE, 2 * SIZE, 3] 0..1 ->
     return np.asarray(large, np.float32) / np.float32(255)
 
 
-def places(maker: Maker, values: Floats) -> Floats:  # [V, C] -> [SIZE * 2 * SIZE, C]
+def places(maker: Maker, values: Floats) -> Doubles:  # [V, C] -> [SIZE * 2 * SIZE, C]
     """What vertices have, at the texels: e.g. where these lie, in mm."""
     head = maker.surface
     return over_atlas(maker, (head.interpolate @ values[head.used]))
 
 
-def over_atlas(maker: Maker, values: Floats) -> Floats:  # [N, C] -> [SIZE * 2 * SIZE, C]
+def over_atlas(maker: Maker, values: Floats) -> Doubles:  # [N, C] -> [SIZE * 2 * SIZE, C]
     """What Gaussians have, between those that have a place in the atlas."""
-    on_skin = maker.anchor_kinds == mesh_parts.SKIN
-    uv, own_values = maker.anchor_uv[on_skin].astype(np.float64), values[on_skin]
-    row, column = np.indices((SIZE, SIZE)).reshape(2, -1)
-    texels = np.stack([(column + 0.5) / SIZE, 1 - (row + 0.5) / SIZE], 1)
-    halves = []
-    for tile in (0, 1):
-        own = np.floor(uv[:, 0]) == tile
-        corners, known = uv[own] - np.array([tile, 0]), own_values[own]
-        found = LinearNDInterpolator(corners, known)(texels)
-        out = np.isnan(found[:, 0])
-        found[out] = NearestNDInterpolator(corners, known)(texels[out])
-        halves.append(found.reshape(SIZE, SIZE, -1))
-    return np.concatenate(halves, 1).reshape(2 * SIZE * SIZE, -1)
+    return maker.over_atlas @ values[maker.anchor_kinds == mesh_parts.SKIN]

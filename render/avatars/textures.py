@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, map_coordinates, maximum_filter, minimum_filter
+from scipy.sparse import csr_array
 
 from render.decoder import mesh_parts
 from render.types import Floats
@@ -18,6 +19,7 @@ from sensors.types import InputError
 SKIN_SIGMAS = (0.7, 2.0, 4.0, 8.0)  # texels of the skin atlas (2048 x 1024)
 EYE_SIGMAS = (0.7, 1.5, 3.0, 6.0)  # texels of an eye's picture
 LEVELS = len(SKIN_SIGMAS)
+SIZE = 512  # texels of a side of half the atlas: about what a scan or a photograph shows
 
 
 @contextmanager
@@ -113,3 +115,42 @@ def levels(
         for level, sigma in enumerate(sigmas):
             out[rows, level] *= sample(soft(image, sigma), place)
     return out
+
+
+def at_vertices(
+    skin: Floats,  # [H, 2 H, 3]
+    colors: NDArray[np.uint8],  # [U, 3] of what has no texture
+    uv: Floats,  # [U, 2]
+    on_skin: NDArray[np.bool_],  # [U]
+) -> Floats:  # [U, 3]
+    """The person's skin at the vertices, coarse; everyone's colours elsewhere."""
+    out = colors.astype(np.float32) / np.float32(255)
+    step = max(1, skin.shape[0] // 128)
+    out[on_skin] = sample(skin[::step, ::step], uv[on_skin] * np.array([0.5, 1], "f4"))
+    return out
+
+
+def between(uv: Floats) -> csr_array:  # [N, 2] -> [SIZE * 2 * SIZE, N]
+    """What lies between places of the atlas: shares of the corners of the triangle around each
+    texel, or the nearest place beyond all of them."""
+    from scipy.spatial import Delaunay, KDTree
+
+    row, column = np.indices((SIZE, SIZE)).reshape(2, -1)
+    texels = np.stack([(column + 0.5) / SIZE, 1 - (row + 0.5) / SIZE], 1)
+    corners, shares = np.zeros((2, SIZE, SIZE, 3), np.int32), np.zeros((2, SIZE, SIZE, 3))
+    for tile in (0, 1):
+        own = np.flatnonzero(np.floor(uv[:, 0]) == tile)
+        places = uv[own].astype(np.float64) - np.array([tile, 0])
+        mesh = Delaunay(places)
+        around = mesh.find_simplex(texels)
+        frame = mesh.transform[around]
+        two = np.einsum("tij,tj->ti", frame[:, :2], texels - frame[:, 2])
+        share = np.concatenate([two, 1 - two.sum(1, keepdims=True)], 1)
+        which, out = mesh.simplices[around], (around < 0) | np.isnan(two).any(1)
+        share[out] = (1, 0, 0)
+        which[out, 0] = KDTree(places).query(texels[out])[1]
+        corners[tile] = own[which].reshape(SIZE, SIZE, 3)
+        shares[tile] = share.reshape(SIZE, SIZE, 3)
+    order = (x.transpose(1, 0, 2, 3).ravel() for x in (shares, corners))  # tiles side by side
+    starts = np.arange(0, 6 * SIZE * SIZE + 1, 3)
+    return csr_array((*order, starts), shape=(2 * SIZE * SIZE, len(uv)))

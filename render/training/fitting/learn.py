@@ -15,7 +15,8 @@ from scipy.sparse import csr_array
 from torch import Tensor
 from tqdm import tqdm
 
-from render.avatars.maker import GEOMETRY_UNIT_MM, identity_maps, vertex_albedo
+from render.avatars.maker import GEOMETRY_UNIT_MM, identity_maps
+from render.avatars.textures import at_vertices
 from render.decoder.coding import Coding
 from render.decoder.learned import networks
 from render.decoder.learned.atlas import Atlas, picture
@@ -66,7 +67,7 @@ def examples(  # type: ignore[no-untyped-def]
         assert (truth.rig[rows[0]] == still).all()
         base = truth.seen[rows[0]][used].astype(np.float32) / np.float32(255)
         skin = wardrobe.texture(person)
-        albedo = vertex_albedo(skin, plain, assembly.vertex_uv[used], used < SKIN_VERTICES)
+        albedo = at_vertices(skin, plain, assembly.vertex_uv[used], used < SKIN_VERTICES)
         identities.append(identity_maps(atlas, albedo, rest.geometry[used] - template, base))
         for index in rows[1:]:
             posed = assembly.posing.pose(truth.rig[index], truth.gaze[index], rest)

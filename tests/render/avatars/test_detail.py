@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.sparse import csr_array, eye_array
 
-from render.avatars import detail, textures
+from render.avatars import blends, detail, textures
 
 STEP_MM, SIDE = 1.0, 24  # a flat sheet of Gaussians that faces the viewer
 
 
-def sheet() -> detail.Drawn:
+def sheet() -> blends.Drawn:
     """Narrow Gaussians on a grid, 1 mm below them a wide one under every fourth."""
     at = np.arange(SIDE) * STEP_MM
     x, y = (v.ravel() for v in np.meshgrid(at, at))
@@ -16,7 +16,7 @@ def sheet() -> detail.Drawn:
     wide = above[(x % 2 == 0) & (y % 2 == 0)] - np.array([0, 0, 1.0])
     points = np.concatenate([above, wide]).astype(np.float32)
     below = points[:, 2] < 0
-    return detail.Drawn(
+    return blends.Drawn(
         points,
         np.tile(np.array([0, 0, 1], np.float32), (len(points), 1)),
         np.where(below, 1.6, 0.35).astype(np.float32),
@@ -25,7 +25,7 @@ def sheet() -> detail.Drawn:
     )
 
 
-def shares_of(drawn: detail.Drawn) -> csr_array:
+def shares_of(drawn: blends.Drawn) -> csr_array:
     """Those below have the mean colour of the four above."""
     above, wide = drawn.points[~drawn.below], drawn.points[drawn.below]
     off = above[None, :, :2] - wide[:, None, :2]
@@ -38,10 +38,13 @@ def test_front_covers_what_is_behind():
     drawn = sheet()
     place = drawn.points[:1] + np.array([[0.1, 0.0, 0.0]], np.float32)
     wide = int(np.flatnonzero(drawn.below)[0])
-    near = np.array([[wide, 0]])  # the one below given first
-    rows, share = detail.composited(drawn, near, place, np.array([0, 0, 1], np.float32))
-    assert rows.tolist() == [[0, wide]]
-    assert share[0, 0] > 0.7 and 0.05 < share[0, 1] < 1 - share[0, 0]
+    near = np.array([[wide, 0], [wide, 0]], np.int32)  # the one below given first
+    places = np.concatenate([place, place + 20])  # and one that neither covers
+    facing, towards = np.arange(2), np.array([0, 0, 1], np.float32)
+    seen, whole = blends.composited(drawn, near, facing, places, towards)
+    assert whole.tolist() == [True, False] and near[0].tolist() == [0, wide]
+    share = seen.toarray()[0]
+    assert share[0] > 0.7 and share[wide] > 0.05 and abs(share.sum() - 1) < 1e-6
 
 
 def test_a_sheet_shows_its_texture_in_its_own_hue():
@@ -55,7 +58,7 @@ def test_a_sheet_shows_its_texture_in_its_own_hue():
     coarse = textures.soft(rng.random((96, 192, 1)).astype(np.float32), 2.5)
     coarse = 0.5 + 0.03 * (coarse - coarse.mean()) / coarse.std()
     skin = np.clip(coarse * np.array([1.2, 0.9, 0.7]), 0, 1).astype(np.float32)
-    blend = detail.blend(drawn, shares_of(drawn), points, normals, uv)
+    blend = blends.blend(drawn, shares_of(drawn), points, normals, uv)
     np.testing.assert_allclose(blend.shares.sum(1), 1, atol=1e-5)
     albedo = textures.sample(skin, (above[:, :2] / SIDE).astype(np.float32) * detail.ATLAS)
     free = (above[:, :2] > 2).all(1) & (above[:, :2] < SIDE - 3).all(1)
@@ -93,12 +96,12 @@ def test_an_eye_keeps_its_own_hues():
         inside = np.hypot(*(at - SIDE / 2).T) < 4
         return np.where(inside[:, None], [0.1, 0.1, 0.1], [0.8, 0.3, 0.3]).astype(np.float32)
 
-    blend = detail.blend(drawn, shares_of(drawn), points, normals, points[:, :2])
+    blend = blends.blend(drawn, shares_of(drawn), points, normals, points[:, :2])
     albedo, wanted = ground(above[:, :2]), ground(blend.uv)
     bounds = np.full_like(albedo, 0.05), np.full_like(albedo, 0.9)
     painted = detail.repainted(albedo, np.ones(len(above), bool), blend, wanted, bounds)
     before, after = (np.abs(blend.shares @ c - wanted).mean(0) for c in (albedo, painted))
     assert (after < 0.95 * before).all() and painted.min() > 0.049 and painted.max() < 0.901
-    alone = detail.blend(drawn, shares_of(drawn), points, normals, points[:, :2], ~drawn.below)
+    alone = blends.blend(drawn, shares_of(drawn), points, normals, points[:, :2], ~drawn.below)
     wide = shares_of(drawn)[len(above) :].sum(0) > 0
     assert wide.any() and alone.shares.sum(1).max() < 1.001

@@ -9,7 +9,7 @@ from render.avatars.photos.colors import creases, exposure, eyes, hair, light, w
 from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape import detector, fit
 from render.avatars.photos.shape.picture import Photo
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.cameras import portrait
 from render.decoder import identity
 from render.decoder.learned import avatar_files

@@ -9,7 +9,7 @@ from render.avatars.maker import Maker
 from render.avatars.photos import dress
 from render.avatars.photos.colors import covered
 from render.avatars.photos.colors.covered import HairPlaces
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.decoder import identity
 from render.types import Doubles
 

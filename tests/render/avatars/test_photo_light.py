@@ -5,7 +5,7 @@ import pytest
 
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import complete, light, projection, skin
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.decoder import mesh_parts
 from render.gl.occlusion import sky_directions
 from render.types import Doubles

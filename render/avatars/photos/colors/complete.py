@@ -8,7 +8,7 @@ from scipy.spatial.distance import cdist
 from render.avatars import scan_texture
 from render.avatars.maker import Maker
 from render.avatars.photos.colors.light import DARK
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.decoder import identity
 from render.decoder.learned import avatar_files
 from render.types import Doubles, Floats
@@ -94,7 +94,8 @@ def carried(
     out = np.empty((len(places), values.shape[1]))
     for start in range(0, len(places), 4096):
         part = slice(start, start + 4096)
-        share = (cdist(places[part], at[rows], "sqeuclidean") + NEAR_MM**2) ** -1.5
+        away = cdist(places[part], at[rows], "sqeuclidean") + NEAR_MM**2
+        share = 1 / (away * np.sqrt(away))
         out[part] = share @ values[rows] / share.sum(1, keepdims=True)
     return out
 

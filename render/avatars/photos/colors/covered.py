@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter, label, maximum_filter
 from scipy.spatial import KDTree
 
-from render.avatars import scan_texture
 from render.avatars.maker import Maker
 from render.avatars.photos.colors import light
 from render.avatars.photos.shape.detector import BROWS
+from render.avatars.textures import SIZE
 from render.types import Doubles, Ints
 
 Places = NDArray[np.bool_]  # [T] texels
@@ -56,7 +56,7 @@ def covered(color: Doubles, tone: Doubles, places: HairPlaces) -> Doubles:  # [T
     unlike, edge = 1 - light.likeness(color, tone), places.edge
     own = places.brows | places.lips | bearded(color, tone, places)
     reaching = _joined((unlike > 0.5) & ~own, edge > 0.5)
-    near = maximum_filter(reaching.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).astype(np.float64)
+    near = maximum_filter(reaching.reshape(SIZE, -1), HAIR_TEXELS).astype(np.float64)
     beside = np.maximum(near, gaussian_filter(near, HAIR_TEXELS / 2)).ravel()
     return np.maximum(edge * unlike, np.where(own, 0, beside))
 
@@ -65,7 +65,7 @@ def bearded(color: Doubles, tone: Doubles, places: HairPlaces) -> Places:
     """What is unlike the skin's tone around the mouth on both sides, and above it, too, as shade
     is not, and what is joined to that."""
     unlike = light.likeness(color, tone) < 0.5
-    near = maximum_filter(unlike.reshape(scan_texture.SIZE, -1), HAIR_TEXELS).ravel().astype(bool)
+    near = maximum_filter(unlike.reshape(SIZE, -1), HAIR_TEXELS).ravel().astype(bool)
     both = np.zeros_like(unlike)
     both[places.jaws] = unlike[places.jaws] & near[places.jaws][places.opposite]
     if both[places.moustache].mean() < LEAST:
@@ -90,7 +90,7 @@ def beard_color(
 
 def _joined(spots: Places, start: Places) -> Places:
     """The connected spots of which a part lies in `start`."""
-    numbers = np.empty((scan_texture.SIZE, 2 * scan_texture.SIZE), np.int32)
+    numbers = np.empty((SIZE, 2 * SIZE), np.int32)
     label(spots.reshape(numbers.shape), output=numbers)
     numbers = numbers.ravel()
     return np.isin(numbers, np.setdiff1d(numbers[start], 0))

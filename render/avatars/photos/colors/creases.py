@@ -8,7 +8,7 @@ from render.avatars import scan_texture
 from render.avatars.maker import Maker
 from render.avatars.photos.colors.complete import anchors
 from render.avatars.photos.colors.light import DARK, around
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.types import Doubles, Floats
 
 DEEP = 0.12  # darkness of a wrinkle's map at which all of a crease is taken off

@@ -10,7 +10,7 @@ from scipy.ndimage import gaussian_filter
 from scipy.optimize import nnls
 
 from render.avatars.maker import Maker
-from render.avatars.scan_texture import SIZE
+from render.avatars.textures import SIZE
 from render.gl.occlusion import sky_directions
 from render.types import Doubles, Floats
 

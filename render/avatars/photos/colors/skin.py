@@ -19,6 +19,7 @@ from render.avatars.photos.colors.projection import Projection, project
 from render.avatars.photos.shape.fit import FaceFit
 from render.avatars.photos.shape.picture import Photo
 from render.avatars.photos.shape.places import PointPlaces
+from render.avatars.textures import SIZE
 from render.types import AHEAD, Doubles, Floats
 
 SHARPEST = 8.0  # power of the weights: who sees best decides
@@ -94,7 +95,7 @@ def unlit(
 
 def _at_gaussians(maker: Maker, values: Doubles) -> Doubles:  # [T, C] -> [N, C]
     """What texels have, at the Gaussians; of skin alone."""
-    picture = values.reshape(scan_texture.SIZE, 2 * scan_texture.SIZE, -1).astype(np.float32)
+    picture = values.reshape(SIZE, 2 * SIZE, -1).astype(np.float32)
     return textures.sample(picture, maker.anchor_uv * ATLAS).astype(np.float64)
 
 
