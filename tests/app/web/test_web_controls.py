@@ -18,7 +18,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder) as made:
+    with serving(decoder, gaussians="16k") as made:
         made.link.say(emotions=["happy", "sad"])
         made.tick(3)
         yield made
@@ -144,14 +144,14 @@ def test_what_cannot_be_changed_is_told_for_a_while(browser: Any, talker: Talker
 
 def test_a_page_that_stays_open_shows_the_next_run(browser: Any, decoder: Decoder) -> None:
     """Red before: it said "Muted" of a run that was not."""
-    with serving(decoder) as first:
+    with serving(decoder, gaussians="16k") as first:
         port = int(first.address.rsplit(":", 1)[1].strip("/"))
         page = open_page(browser, first.address, 900, 400)
         page.wait_for_selector("#mute:not([hidden])")
         page.click("#mute")
         wait_until(lambda: page.text_content("#mute") == "Muted")
     wait_until(lambda: page.text_content("#state").startswith("waiting"))
-    with serving(decoder, port=port, microphone=True) as second:
+    with serving(decoder, port=port, microphone=True, gaussians="16k") as second:
         second.tick()
         wait_until(lambda: page.text_content("#mute") == "Mute")
         assert page.is_visible("#microphone")
