@@ -32,7 +32,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     from app.avatars import photos
     from render.avatars.hair_transfer import worn
     from render.avatars.maker import Maker
-    from render.avatars.photos import dress
+    from render.avatars.photos import brows, dress
     from render.avatars.photos.colors import complete, eyes
     from render.decoder import identity
     from render.decoder.learned import avatar_files
@@ -52,7 +52,7 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
             lender = dress.dyed(maker, lender, made.hair)
     else:
         (geometry, skin), eye = _scanned(maker, parts), parts.eye or eyes.USUAL
-    who = maker.identity(name, geometry, skin, eye)
+    who = brows.grown(maker, maker.identity(name, geometry, skin, eye))
     if lender:
         who = worn(maker, who, lender)
     if parts.photos:

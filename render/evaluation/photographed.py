@@ -15,7 +15,7 @@ from render import cameras
 from render.avatars import hair_transfer, lashes, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import dress
+from render.avatars.photos import brows, dress
 from render.avatars.photos.person import PhotographedHead
 from render.avatars.photos.shape import picture
 from render.avatars.photos.shape.detector import FaceDetector
@@ -31,8 +31,7 @@ from render.splats.renderer import wrap_context
 from render.training.data import face_data, people
 from render.training.fitting.wardrobe import Wardrobe
 from render.training.geometry import assembly as assemblies
-from render.training.look import brows
-from render.training.look.brows import Brows
+from render.training.look.brows import Brows, grow
 from render.types import AHEAD, Floats
 from sensors import folders
 
@@ -83,9 +82,7 @@ class PhotoStudio:
         at, shipped = who.geometry, avatar_files.shipped()
         lender = identity.load(shipped[int(rng.integers(len(shipped)))])
         dark = (0.16, 0.11, 0.08)
-        own = brows.grow(
-            face, at, self._assembly.normals(at), self.maker.skin, Brows(), dark, index
-        )
+        own = grow(face, at, self._assembly.normals(at), self.maker.skin, Brows(), dark, index)
         lash = lashes.grow(self.maker.posing, who.rest)
         who = replace(who, hair=hair_transfer.transfer(lender, who), beard=joined([lash, own]))
         light, distance = LIGHTS[index % len(LIGHTS)], float(rng.uniform(*DISTANCES_MM))
@@ -129,11 +126,12 @@ class PhotoStudio:
         lender = sitter.lender
         if found.hair is not None:
             lender = dress.dyed(self.maker, lender, found.hair)
-        who = self.maker.identity("made", found.geometry, found.skin, found.eye)
+        made = self.maker.identity("made", found.geometry, found.skin, found.eye)
+        who = brows.grown(self.maker, made)
         who = replace(who, hair=hair_transfer.transfer(lender, who))
         who = dress.dressed(self.maker, who, lender)
-        made = [self.picture(who, sitter.light, yaw) for yaw in YAWS[:3]]
-        return np.concatenate([*(p.picture for p in sitter.photos[:3]), *made], 1)
+        own = [self.picture(who, sitter.light, yaw) for yaw in YAWS[:3]]
+        return np.concatenate([*(p.picture for p in sitter.photos[:3]), *own], 1)
 
     def errors_mm(self, made: Floats, truth: Floats, scaled: bool = False) -> Floats:
         """Of the face's vertices [n], after a rigid motion; `scaled`: and a change of size."""
