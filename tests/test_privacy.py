@@ -21,10 +21,8 @@ UPLOAD_S = "11"  # ONNX Runtime tries its first upload 8.5 s after it was loaded
 ISOLATED = ["unshare", "--net", "--map-root-user"]
 AWAY = ("Ip", "OutNoRoutes")  # to anywhere but this machine, there being no way out
 COUNTERS = {AWAY, ("Udp", "OutDatagrams"), ("Tcp", "ActiveOpens")}
-SILENT = ["run", "--headless", "--mic", "none", "--seconds"]
 COMMANDS = {  # words, and what they are to write
-    "run": ([*SILENT, UPLOAD_S], []),
-    "web": ([*SILENT, "1", "--web", "0"], []),
+    "run": (["run", "--headless", "--mic", "none", "--seconds", UPLOAD_S, "--web", "0"], []),
     "record": (
         ["record", "mine", "--mic", "none", "--seconds", "1"],
         ["mine", *(f"mine/{name}" for name in ("audio.wav", "session.json", "timeline.jsonl"))],

@@ -20,9 +20,9 @@ pytestmark = pytest.mark.slow
 
 def test_a_short_soak_gives_the_codes_of_its_own_replay(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(Path(__file__).parents[3])
-    report = measure_soak(0.1)
+    report = measure_soak(0.09)  # what grows is looked at after 5 s
     metrics = report["metrics"]
-    assert metrics["frames"] >= 175
+    assert metrics["frames"] >= 157
     assert metrics["codes_unlike_the_replay"] == 0
     assert metrics["threads_leaked"] == 0
     assert metrics["eyes_valid_share"] > 0 and metrics["head_valid_share"] > 0

@@ -46,7 +46,7 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
     """Janus and namespaces are part of the set-up (make setup): without them this is a failure.
 
     Each is a process of their own, one with a lossy leg, as in `livedrive call test --room`."""
-    found = meeting.run_room(meeting.RoomSettings(people=3, seconds=3))
+    found = meeting.run_room(meeting.RoomSettings(people=3, seconds=2))
     assert "secret" in found["refused"]["wrong secret"]
     assert "let in" in found["refused"]["no token"]
     for reports in found["reports"]:
@@ -58,11 +58,11 @@ def test_three_people_meet_lose_the_server_and_are_back() -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_a_killed_trial_leaves_nobody_in_the_room(number: signal.Signals) -> None:
     """Red before: four people and a server went on talking after a kill -9."""
-    words = ["call", "test", "--room", "4", "--seconds", "600"]
+    words = ["call", "test", "--room", "2", "--seconds", "600"]
     code, patience_s = "from app.main import main; main()", 90
     with subprocess.Popen([sys.executable, "-c", code, *words], stderr=subprocess.PIPE) as command:
         end, people = time.monotonic() + patience_s, list[psutil.Process]()
-        while sum("app.call.trial.person" in words_of(p) for p in people) < 4:
+        while sum("app.call.trial.person" in words_of(p) for p in people) < 2:
             assert command.poll() is None and time.monotonic() < end
             time.sleep(0.2)
             people = psutil.Process(command.pid).children(recursive=True)

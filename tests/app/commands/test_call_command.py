@@ -4,7 +4,6 @@ import asyncio
 import json
 import re
 import socket
-import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -105,12 +104,11 @@ def test_a_recording_that_nothing_can_hold_is_refused_at_the_start(
 
 
 @pytest.mark.slow
-def test_the_report_of_a_call_tells_whether_it_was_recorded(tmp_path: Path) -> None:
+def test_the_report_of_a_call_tells_whether_it_was_recorded(livedrive: Any, tmp_path: Path) -> None:
     """Red before: only that of `run` did."""
     words = [*WORDS["host"], "--mic", "none", "--speaker", "none", "--headless", "--seconds", "1"]
     words += ["--address", "127.0.0.1", "--report", str(tmp_path / "report.json")]
-    code = "from app.main import main; main()"
-    subprocess.run([sys.executable, "-c", code, *words], check=True, timeout=120)
+    assert not livedrive(*words).returncode
     assert json.loads((tmp_path / "report.json").read_text())["recording"] == "none"
 
 

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import psutil
 import pytest
@@ -48,28 +49,27 @@ def test_no_server_is_left(tmp_path: Path, number: signal.Signals) -> None:
         assert command.returncode == 130 and said == "livedrive: stopped\n"
 
 
-def test_a_room_on_it_is_opened_and_its_invite_told(tmp_path: Path) -> None:
+def test_a_room_on_it_is_opened_and_its_invite_told(livedrive: Any, tmp_path: Path) -> None:
     """The invite comes once the server has let the host in."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     start = [sys.executable, "-c", "from app.main import main; main()", "call"]
-    host = [*start, "host", "--room", "choir", "--key", str(tmp_path / "room" / "key")]
-    host += ["--server", f"ws://127.0.0.1:{port}", "--headless"]
+    host = ["call", "host", "--room", "choir", "--key", str(tmp_path / "room" / "key")]
+    host += ["--server", f"ws://127.0.0.1:{port}", "--headless", "--seconds", "0.5"]
     for device in ("--mic", "--speaker"):
         host += [device, "none"]
-    pipe = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True}
     with subprocess.Popen(
         [*start, "server", str(tmp_path / "room"), "--port", str(port)]
     ) as server:
-        end = time.monotonic() + PATIENCE_S
-        while not listens(port):
-            assert time.monotonic() < end, "Janus did not start"
-            time.sleep(0.1)
-        with subprocess.Popen(host, **pipe) as call:
-            assert call.stdout and call.stdout.readline().startswith("invite: livedrive")
-            call.communicate("q\n", timeout=PATIENCE_S)
-        server.terminate()
-    assert call.returncode == 0
+        try:
+            end = time.monotonic() + PATIENCE_S
+            while not listens(port):
+                assert time.monotonic() < end, "Janus did not start"
+                time.sleep(0.1)
+            done = livedrive(*host)
+        finally:
+            server.terminate()
+    assert done.stdout.startswith("invite: livedrive") and done.returncode == 0, done.stderr
 
 
 def listens(port: int) -> bool:

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -22,27 +23,19 @@ DEMO = f"session:{ROOT / 'recordings' / 'demo'}"
 START = [sys.executable, "-c", "from app.main import main; main()"]
 
 
-def livedrive(*words: str, cwd: Path) -> "subprocess.CompletedProcess[str]":
-    return subprocess.run(
-        [*START, *words],
-        cwd=cwd,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        timeout=300,
-    )
-
-
 def streams(timeline: Path) -> set[str]:
     """What has been recorded so far; the last line may not be whole yet."""
     whole = timeline.read_text().rpartition("\n")[0]
     return {json.loads(line)["stream"] for line in whole.splitlines()}
 
 
-def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) -> None:
+def test_a_live_run_is_recorded_and_replays_to_the_same_codes(
+    livedrive: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     words = ["--headless", "--mic", "none", "--eyes", SMOKE, "--head", DEMO, "--seconds", "1.5"]
     words += ["--record", "tape", "--motion", "live.npz", "--report", "live.json"]
-    done = livedrive("run", *words, cwd=tmp_path)
+    done = livedrive("run", *words)
     assert done.returncode == 0, done.stderr
     report = json.loads((tmp_path / "live.json").read_text())
     assert report["frames"] >= 44
@@ -52,9 +45,9 @@ def test_a_live_run_is_recorded_and_replays_to_the_same_codes(tmp_path: Path) ->
     head = report["sensors"]["head"]
     assert head["name"] == DEMO and head["problem"] == ""
     assert head["poses"] > 30 and head["bad"] == head["jumps"] == head["flooded"] == 0
-    told = json.loads(livedrive("session", "info", "tape", cwd=tmp_path).stdout)
+    told = json.loads(livedrive("session", "info", "tape").stdout)
     assert told["head_poses"] > 30
-    again = livedrive("replay", "tape", "--motion", "again.npz", cwd=tmp_path)
+    again = livedrive("replay", "tape", "--motion", "again.npz")
     assert again.returncode == 0, again.stderr
     live, replayed = np.load(tmp_path / "live.npz"), np.load(tmp_path / "again.npz")
     assert len(live["t_ns"]) == report["frames"]
@@ -88,29 +81,33 @@ def test_ctrl_c_or_a_closed_terminal_finishes_the_recording(tmp_path: Path, sent
         assert len(recording.eyes) == 2
 
 
-def test_a_recording_that_cannot_be_written_leaves_the_drive_alone(tmp_path: Path) -> None:
+def test_a_recording_that_cannot_be_written_leaves_the_drive_alone(
+    livedrive: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
     words = ["--headless", "--mic", "none", "--seconds", "0.5", "--record", "file/tape"]
-    done = livedrive("run", *words, cwd=tmp_path)
+    done = livedrive("run", *words)
     assert done.returncode == 0, done.stderr
     assert done.stderr.count("driving goes on") == 1
     assert re.match(r"(1[4-9]|2\d) frames", done.stdout)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="has no limit for the size of a file")
-def test_a_file_that_a_full_disk_has_ended_is_not_called_written(tmp_path: Path) -> None:
+def test_a_file_that_a_full_disk_has_ended_is_not_called_written(
+    livedrive: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Red before: "wrote m.npz", where there was an old one or none."""
     import resource
 
+    monkeypatch.chdir(tmp_path)
     words = ["--headless", "--mic", "none", "--seconds", "0.5", "--motion", "m.npz"]
-    done = subprocess.run(
-        [*START, "run", *words, "--arkit", "a.csv", "--report", "r.json"],
-        cwd=tmp_path,
-        env=os.environ | {"PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, 40_000)),
-    )
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (40_000, before[1]))
+    try:
+        done = livedrive("run", *words, "--arkit", "a.csv", "--report", "r.json")
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
     assert done.returncode == 0 and "motion: File too large; it ends here" in done.stderr
     assert "a.csv" in done.stdout and "m.npz" not in done.stdout
     assert json.loads((tmp_path / "r.json").read_text())["lost"] == ["m.npz"]
@@ -124,17 +121,24 @@ def test_a_file_that_a_full_disk_has_ended_is_not_called_written(tmp_path: Path)
         (["record", ".", "--mic", "none"], "new or empty"),
     ],
 )
-def test_bad_words_end_in_one_line(tmp_path: Path, words: list[str], said: str) -> None:
+def test_bad_words_end_in_one_line(
+    livedrive: Any,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: list[str],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "file").write_text("")
-    done = livedrive(*words, cwd=tmp_path)
+    done = livedrive(*words)
     assert done.returncode == 2
     line = done.stderr.strip().splitlines()[-1]
     assert said in line
     assert "Traceback" not in done.stderr
 
 
-def test_devices_say_what_to_type(tmp_path: Path) -> None:
-    done = livedrive("devices", cwd=tmp_path)
+def test_devices_say_what_to_type(livedrive: Any) -> None:
+    done = livedrive("devices")
     assert done.returncode == 0, done.stderr
     assert "--eyes http://" in done.stdout
     assert "--head vmc://" in done.stdout

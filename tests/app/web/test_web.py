@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import aiohttp
@@ -31,12 +30,6 @@ from render.types import Renderer
 pytestmark = pytest.mark.slow
 
 PAGE = Path(__file__).parents[3] / "app" / "web" / "page"
-
-
-@pytest.fixture(scope="module")
-def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder, microphone=True) as made:
-        yield made
 
 
 # The streams
@@ -86,27 +79,18 @@ def test_programs_get_every_tick_by_name(talker: Talker, decoder: Decoder) -> No
     play(work)
 
 
-def test_a_json_target_serves_programs_and_no_page(decoder: Decoder) -> None:
-    with serving(decoder, page=False) as talker:
-        assert talker.address.startswith("ws://127.0.0.1:")
+def test_a_json_target_serves_programs_and_no_page_and_tells_them_that_it_is_over(
+    decoder: Decoder,
+) -> None:
+    """At an address of IPv6. Red before: 1006, as after a crash."""
 
-        async def work() -> None:
-            async with socket_to(talker, "") as ws:
-                talker.tick()
-                assert (await ws.receive_json())["frame"] == talker.index
+    async def work() -> None:
+        with serving(decoder, page=False, host="::1") as talker:
+            assert talker.address.startswith("ws://[::1]:")
             async with aiohttp.ClientSession() as session:
                 for path in ("main.js", "head", "json"):
                     url = talker.address.replace("ws", "http", 1) + path
                     assert (await session.get(url)).status == 404
-
-        play(work)
-
-
-def test_programs_are_told_that_it_is_over(decoder: Decoder) -> None:
-    """Red before: 1006, as after a crash."""
-
-    async def work() -> None:
-        with serving(decoder, page=False) as talker:
             async with socket_to(talker, "") as ws:
                 talker.tick()
                 assert (await ws.receive_json())["frame"] == talker.index

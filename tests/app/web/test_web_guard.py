@@ -22,12 +22,6 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder, microphone=True, gaussians="16k") as made:
-        yield made
-
-
-@pytest.fixture(scope="module")
 def config(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The user's settings, in which that of the next fixture has put certificate, key and token."""
     return tmp_path_factory.mktemp("config")
@@ -156,17 +150,6 @@ def test_a_folder_of_settings_that_cannot_be_used_is_told(
     told = pytest.raises(InputError, match="expected to use /proc/livedrive, got: No such")
     with told, serving(decoder, host="0.0.0.0"):
         pass
-
-
-def test_an_address_of_ipv6_can_be_opened(decoder: Decoder) -> None:
-    with serving(decoder, host="::1", gaussians="16k") as talker:
-        assert talker.address.startswith("http://[::1]:")
-
-        async def work() -> None:
-            async with aiohttp.ClientSession() as session:
-                assert (await session.get(talker.address)).status == 200
-
-        play(work)
 
 
 def test_the_door_opens_again_after_too_many_open_files() -> None:

@@ -26,13 +26,6 @@ ROOT = Path(__file__).parents[3]
 SIZE = 256
 
 
-@pytest.fixture(scope="module")
-def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder) as made:
-        made.tick(30)
-        yield made
-
-
 def settle(page: Any, talker: Talker) -> None:
     """Wait until the newest tick is on the screen, sorted for the present view."""
 

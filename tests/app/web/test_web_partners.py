@@ -1,29 +1,20 @@
 """The voices of a call at the page: what the call plays is heard there, late by a little."""
 
-from collections.abc import Iterator
 from time import monotonic, sleep
 from typing import Any
 
 import numpy as np
 import pytest
 from browser import open_page
-from web_client import Talker, play, serving, socket_to, wait_until
+from web_client import Talker, play, socket_to, wait_until
 
 from app.commands.meet.call import Join
 from app.web.link import SOUND, TICK
-from render.decoder.decoder import Decoder
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
 
 BLOCK = (16_000 * np.sin(2 * np.pi * 10 * np.arange(480) / 480)).astype("<i2").tobytes()
-
-
-@pytest.fixture(scope="module")
-def talker(decoder: Decoder) -> Iterator[Talker]:
-    with serving(decoder, sound=True, gaussians="16k") as made:
-        made.tick(3)
-        yield made
 
 
 def test_blocks_reach_every_listener_as_they_are(talker: Talker) -> None:

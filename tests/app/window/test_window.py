@@ -59,7 +59,17 @@ class Hand:
     def click(self, button: str) -> None:
         bar = arrange(*SIZE, 1.0, True, len(BUTTONS)).toolbar
         area = toolbar_button(bar, BUTTONS.index(button), 1.0)
-        self.desktop.click(area.x + area.width / 2, area.y + area.height / 2)
+        self.click_at(area.x + area.width / 2, area.y + area.height / 2)
+
+    def click_at(self, x: float, y: float) -> None:
+        """Each movement in pictures of its own: those of a busy machine take longer than a hand,
+        and a list is hit only once it has been shown."""
+        self.desktop.point(x, y)
+        self.settle()
+        self.desktop.press()
+        self.settle()
+        self.desktop.release()
+        self.settle()
 
 
 @pytest.fixture(scope="module")
@@ -135,13 +145,11 @@ def test_it_shows_the_head_and_obeys_clicks_and_keys(hand: Hand, tmp_path: Path)
 
 def test_another_avatar_and_emotion_are_picked_from_their_lists(hand: Hand) -> None:
     assert hand.sink.read().avatar == "ben" and hand.sink.read().emotion is None
-    hand.desktop.click(1000, 54)  # the lists drop down: 24 px a row
-    hand.settle()
-    hand.desktop.click(1000, 143)
+    hand.click_at(1000, 54)  # the lists drop down: 24 px a row
+    hand.click_at(1000, 143)
     wait_for(lambda: hand.sink.read().avatar == "kofi")
-    hand.desktop.click(1200, 54)
-    hand.settle()
-    hand.desktop.click(1150, 119)
+    hand.click_at(1200, 54)
+    hand.click_at(1150, 119)
     wait_for(lambda: hand.sink.read().emotion == "happy")
 
 
@@ -166,7 +174,9 @@ def test_it_shows_what_was_changed_elsewhere(hand: Hand) -> None:
 def test_dragging_turns_the_head(hand: Hand) -> None:
     before = hand.desktop.screenshot()[200:600, 200:700].astype(int)
     hand.desktop.point(400, 300)
+    hand.settle()
     hand.desktop.press()
+    hand.settle()
     hand.desktop.point(560, 300)
     hand.settle()
     hand.desktop.release()
