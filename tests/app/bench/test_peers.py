@@ -53,6 +53,9 @@ def test_ours_is_causal_tick_by_tick() -> None:
 def test_a_peer_waits_then_computes_every_stage_as_often_as_it_says(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
+    """How a stage is exported is tested above."""
+    inputs = [np.zeros((1, 8, 4), np.float32)]
+    monkeypatch.setattr(race, "_exported", lambda *_: (lambda values: values[0], inputs))
     monkeypatch.setattr(race, "_timed", lambda run, inputs: 0.002)
     stage = Stage(lambda: encoder(1, 4, 8, 2), ((1, 8, 4),), 100)
     once = Stage(stage.build, stage.inputs)

@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -24,6 +25,7 @@ from encoder.training.peers.parts import PeerName
 from sensors.types import InputError
 
 pytestmark = pytest.mark.slow
+FRAMES = 30  # of a segment
 
 
 def clip(split: str, kind: str, frames: int) -> dataset.Clip:
@@ -37,12 +39,21 @@ def clip(split: str, kind: str, frames: int) -> dataset.Clip:
     )
 
 
+@pytest.fixture(scope="module", autouse=True)
+def _short_segments() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(dataset, "SEGMENT_FRAMES", FRAMES)
+        patch.setattr(rows, "SEGMENT_FRAMES", FRAMES)
+        yield
+
+
 @pytest.fixture(scope="module")
 def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pack with an encoder, a student and all twins, of debug sizes."""
     folder = tmp_path_factory.mktemp("pack")
     clips = [
-        clip("train", "freeform", 60), clip("test", "freeform", 210), clip("test", "sentence", 210)
+        clip("train", "freeform", 60),
+        *(clip("test", kind, 2 * FRAMES + 3) for kind in ("freeform", "sentence")),
     ]  # fmt: skip
     shard = dataset.write_shard(folder / "shard_000.npz", clips)
     dataset.write_manifest(folder, [shard], {"tones": "made by rules"})
@@ -61,7 +72,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def train(data: Path, stage: str, **more: object) -> None:
     settings = {"preset": "debug", "data": data, "out": data / "weights"}
     if stage != "audio":
-        settings["stream_minutes"] = 0.5
+        settings["stream_minutes"] = 0.1
     Train(stage=stage, **settings | more).run()  # type: ignore[arg-type]
 
 
@@ -90,7 +101,7 @@ def test_the_twins_stand_beside_ours(data, tmp_path):
                 assert report["metrics"][f"{kind}/{row}/{metric}"] > 0
     assert report["peers"]["talkshow"]["budget"]["steps"] == 2
     assert report["peers"]["talkshow"]["command"] == (
-        "livedrive train peers --preset debug --name talkshow --stream-minutes 0.5"
+        "livedrive train peers --preset debug --name talkshow --stream-minutes 0.1"
     )
     assert report["not_trained"] == []
     names = {bar["name"] for bar in report["bars"]}
@@ -107,8 +118,8 @@ def test_films_are_pairs_to_vote_on(data, tmp_path, monkeypatch):
     assert pages == {"talkshow.html", "audio2photoreal.html", "diffposetalk.html"}
     assert (tmp_path / "talkshow.html").read_text().count("data:video/mp4") == 4  # one of each kind
     with av.open(str(tmp_path / "ours" / "clip_00.mp4")) as video:
-        assert video.streams.video[0].frames == 100 and video.streams.video[0].width == 96
-        assert abs(float(video.duration) / av.time_base - 100 / 30) < 0.1
+        assert video.streams.video[0].frames == FRAMES and video.streams.video[0].width == 96
+        assert abs(float(video.duration) / av.time_base - FRAMES / 30) < 0.1
         loudest = max(float(np.abs(sound.to_ndarray()).max()) for sound in video.decode(audio=0))
         assert loudest > 0.1
 
@@ -138,7 +149,7 @@ def test_ablations_that_were_trained_are_rows_and_the_others_are_named(data, tmp
         }  # fmt: skip
     assert report["rows"]["distilled"]["steps"] == 2
     command = report["rows"]["diffusion without L_vel"]["command"]
-    assert command.endswith("--preset debug --variant no-velocity --stream-minutes 0.5")
+    assert command.endswith("--preset debug --variant no-velocity --stream-minutes 0.1")
     assert report["rows"]["non-causal encoder, itself"]["steps"] == 2
     assert (tmp_path / "geometry_losses.png").stat().st_size > 10_000
     assert set(report["not_trained"]) == {

@@ -43,7 +43,7 @@ def data(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def train(data: Path, stage: str, **more: object) -> None:
     settings = {"preset": "debug", "data": data, "out": data / "weights"}
     if stage not in ("audio", "prior", "listen"):
-        settings["stream_minutes"] = 0.5
+        settings["stream_minutes"] = 0.1
     Train(stage=stage, **settings | more).run()  # type: ignore[arg-type]
 
 
@@ -56,7 +56,7 @@ def test_weights_go_out_and_the_rest_stays_in_the_data(data):
     made = {p.name for p in data.iterdir() if p.is_file()}
     assert {"teacher.json", "regression.json", "streams.npz", "distill_state.safetensors"} <= made
     assert card(data / "weights" / "student")["command"] == (
-        "livedrive train distill --preset debug --stream-minutes 0.5"
+        "livedrive train distill --preset debug --stream-minutes 0.1"
     )
 
 
@@ -65,7 +65,7 @@ def test_every_variant_trains_in_its_own_folder(data):
     for variant, stages in VARIANTS.items():
         for stage in stages:
             if not (variant == "centred" and stage == "regression"):
-                train(data, stage, variant=variant)
+                train(data, stage, variant=variant, steps=1)
     assert card(data / "offline" / "teacher")["config"]["causal"] is False
     assert card(data / "no-jitter" / "teacher")["jitter_weight"] == 0
     assert card(data / "plain-jitter" / "teacher")["jitter_normalised"] is False

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from render.avatars import detail, ply, scan, sheet
+from render.avatars import blends, detail, ply, scan, sheet
 from render.avatars import maker as avatar
 from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
@@ -25,9 +25,11 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def maker(egl_context: GLContext) -> Iterator[avatar.Maker]:
-    """Its colours take one step: how sharp they are is judged in test_detail.py."""
+    """Its colours take one step, at few places: how sharp they are is judged in test_detail.py."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(detail, "STEPS", 1)
+        patch.setattr(blends, "DENSITY", 0.3)
+        patch.setattr(blends, "_known", {})
         yield avatar.Maker(context=egl_context)
 
 
@@ -40,20 +42,23 @@ def skin() -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def bald(maker: avatar.Maker, skin: np.ndarray) -> Identity:
-    """Ben's head in that skin."""
-    return maker.identity("new", identity.load("ben").geometry, skin)
+def geometry() -> np.ndarray:
+    return identity.load("kofi").geometry * np.float32(1.03)
 
 
-def test_a_new_person_keeps_their_shape_and_takes_their_texture(maker, skin):
-    geometry = identity.load("kofi").geometry * np.float32(1.03)
-    who = maker.identity("new", geometry, skin, "blue")
-    assert np.abs(who.geometry - geometry).max() < 2.0  # the lips alone are sealed
-    assert np.linalg.norm(who.geometry - geometry, axis=1).mean() < 0.02
+@pytest.fixture(scope="module")
+def bald(maker: avatar.Maker, geometry: np.ndarray, skin: np.ndarray) -> Identity:
+    """A larger Kofi with blue eyes in that skin."""
+    return maker.identity("new", geometry, skin, "blue")
+
+
+def test_a_new_person_keeps_their_shape_and_takes_their_texture(maker, geometry, bald):
+    assert np.abs(bald.geometry - geometry).max() < 2.0  # the lips alone are sealed
+    assert np.linalg.norm(bald.geometry - geometry, axis=1).mean() < 0.02
     face = maker.surface.used[maker.surface.interpolate.indices[::3]] < 6000
-    np.testing.assert_allclose(np.median(who.albedo[face], 0), (0.8, 0.6, 0.5), atol=0.03)
+    np.testing.assert_allclose(np.median(bald.albedo[face], 0), (0.8, 0.6, 0.5), atol=0.03)
     decoder = Decoder.load()
-    cloud = sheet.posed(decoder, who, "smile")
+    cloud = sheet.posed(decoder, bald, "smile")
     cloud.check()
     assert all(np.isfinite(getattr(cloud, name)).all() for name in FIELDS)
 
