@@ -5,18 +5,21 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
-from test_live_commands import SMOKE, livedrive
+from test_live_commands import SMOKE
 
 from app.drive.emotion_port import ADDRESS
-from app.main import main
 
 pytestmark = pytest.mark.slow
 
 
-def test_a_live_emotion_is_recorded_replayed_and_can_be_taken_back(tmp_path: Path) -> None:
+def test_a_live_emotion_is_recorded_replayed_and_can_be_taken_back(
+    livedrive: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
     words = [
         "--headless",
         "--mic",
@@ -29,7 +32,7 @@ def test_a_live_emotion_is_recorded_replayed_and_can_be_taken_back(tmp_path: Pat
         "gaze",
     ]
     words += ["--emotion", "sad:0.8", "--record", "tape", "--motion", "live.npz"]
-    done = livedrive("run", *words, cwd=tmp_path)
+    done = livedrive("run", *words)
     assert done.returncode == 0, done.stderr
     lines = (tmp_path / "tape" / "timeline.jsonl").read_text().splitlines()
     said = [fields for line in lines if (fields := json.loads(line))["stream"] == "emotion"]
@@ -37,7 +40,7 @@ def test_a_live_emotion_is_recorded_replayed_and_can_be_taken_back(tmp_path: Pat
     motions: dict[str, np.ndarray] = {}
     for name, more in (("same", []), ("calm", ["--emotion", "neutral"])):
         out = [*more, "--condition", "gaze", "--motion", f"{name}.npz"]
-        done = livedrive("replay", "tape", *out, cwd=tmp_path)
+        done = livedrive("replay", "tape", *out)
         assert done.returncode == 0, done.stderr
         motions[name] = np.load(tmp_path / f"{name}.npz")["expression"]
     live = np.load(tmp_path / "live.npz")["expression"]
@@ -72,12 +75,6 @@ def test_a_message_changes_the_emotion_of_a_run(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "hint"), [("hapy", "did you mean happy"), ("happy:3", "0..1"), ("proud", "--clip")]
 )
-def test_bad_words_are_said_in_one_line(
-    words: str, hint: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    typed = ["livedrive", "replay", SMOKE.removeprefix("session:"), "--emotion", words]
-    monkeypatch.setattr(sys, "argv", typed)
-    with pytest.raises(SystemExit) as ended:
-        main()
-    said = capsys.readouterr().err
-    assert ended.value.code == 2 and hint in said and said.count("\n") == 1
+def test_bad_words_are_said_in_one_line(livedrive: Any, words: str, hint: str) -> None:
+    done = livedrive("replay", SMOKE.removeprefix("session:"), "--emotion", words)
+    assert done.returncode == 2 and hint in done.stderr and done.stderr.count("\n") == 1
