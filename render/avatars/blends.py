@@ -3,6 +3,7 @@ everyone, once for every number of Gaussians. What it is for: detail.py."""
 
 # pyright: reportUntypedFunctionDecorator=false
 import math
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -84,19 +85,20 @@ def _of_densities(
         corners = faces[np.unique(t["anchor_triangles"][which & (off < SEAM)])]
         places.append(sampled(corners, mesh, uv, int(DENSITY * which.sum())))
     densities: tuple[Density, ...] = ("65k", *THINNER)
-    out = dict[Density, Blends]()
-    for density in densities:
-        fields = prior_file.parts(t, card, density)
+    parts = {density: prior_file.parts(t, card, density) for density in densities}
+
+    def one(density: Density) -> Blends:
+        fields = parts[density]
         head = drawn(fields["surface"], fields["opacities"], mesh)
         shares = fields["shares"]
         of = shares if density == "65k" else csr_array(eye_array(len(head.points)))
         on_eye = shares @ eye.astype(np.float32) > 0.99
-        skin, eyes = (
-            blend(head, of, *places[0]),
-            blend(head, of, *places[1], among=on_eye, views_deg=EYE_VIEWS_DEG),
-        )
-        out[density] = Blends(shares, skin, eyes)
-    return out
+        skin = blend(head, of, *places[0])
+        eyes = blend(head, of, *places[1], among=on_eye, views_deg=EYE_VIEWS_DEG)
+        return Blends(shares, skin, eyes)
+
+    with ThreadPoolExecutor() as pool:
+        return dict(zip(densities, pool.map(one, densities), strict=True))
 
 
 def drawn(head: Surface, opacities: Floats, mesh: Floats) -> Drawn:  # [n], [V, 3] mm
@@ -185,7 +187,7 @@ def composited(
     return seen, whole
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, nogil=True, error_model="numpy")
 def _front_to_back(
     splats: Floats,  # [n, 7] mm right, up and towards the viewer, inverse covariance, alpha
     places: Floats,  # [S, 2] mm right and up

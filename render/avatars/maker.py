@@ -3,6 +3,7 @@
 Needs the prior's weights only, not the face data. Geometry has the topology of the prior's mesh.
 """
 
+from concurrent.futures import ThreadPoolExecutor
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -174,13 +175,13 @@ class Maker:
         show the skin, and the eyes as the densest head shows them."""
         from scipy.spatial import KDTree
 
-        out: dict[Density, Floats] = {}
         eye, seen = self.anchor_kinds == mesh_parts.EYE, self._shown["65k"].eyes
         known, shown, wanted = KDTree(seen.uv), seen.shares @ albedo, detail.wanted_skin(skin)
-        for preset in blends.THINNER:
+
+        def gains(preset: Density) -> Floats:
             shares, of, of_eyes = self._shown[preset]
             colors = np.asarray(shares @ albedo)
-            gains = np.ones(len(colors), np.float32)
+            out = np.ones(len(colors), np.float32)
             eyes = shown[np.asarray(known.query(of_eyes.uv)[1])]
             skins = textures.sample(wanted, of.uv * detail.ATLAS)
             for which, blend, target, limits in (
@@ -188,9 +189,11 @@ class Maker:
                 (eye, of_eyes, eyes, detail.EYES),
             ):
                 free = shares @ which.astype(np.float32) > 0.99
-                gains[free] = detail.gains(colors, free, blend, target, limits)[free]
-            out[preset] = gains
-        return out
+                out[free] = detail.gains(colors, free, blend, target, limits)[free]
+            return out
+
+        with ThreadPoolExecutor() as pool:
+            return dict(zip(blends.THINNER, pool.map(gains, blends.THINNER), strict=True))
 
     @cached_property
     def _shown(self) -> dict[Density, blends.Blends]:
