@@ -87,12 +87,12 @@ def find(
             offset = middle + turn @ np.array([0, 0, front / 2]) - tilted @ face.mean(0)
             starts.append(Pose(1.0, tilted, offset))
     score = np.inf
-    for places, of_scan, rounds, kept in STAGES:
-        few, fewer = max(1, len(face) // places), max(1, len(points) // of_scan)
-        some, facing = face[::few], face_normals[::few]
-        near, away = points[::fewer], normals[::fewer]
-        tree = KDTree(near)
-        found = [icp(s, some, facing, near, away, tree, rounds) for s in starts]
+    for of_face, of_scan, rounds, kept in STAGES:
+        step, stride = max(1, len(face) // of_face), max(1, len(points) // of_scan)
+        some, facing = face[::step], face_normals[::step]
+        seen, outward = points[::stride], normals[::stride]
+        tree = KDTree(seen)
+        found = [icp(s, some, facing, seen, outward, tree, rounds) for s in starts]
         found.sort(key=lambda one: one[1])
         starts, score = [pose for pose, _ in found[:kept]], found[0][1]
     return starts[0], score

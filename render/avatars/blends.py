@@ -119,10 +119,10 @@ def sampled(
     a, b, c = (mesh[corners[:, k]] for k in range(3))
     across = np.cross(b - a, c - a)
     area = np.linalg.norm(across, axis=1)
+    rows, shares = mesh_parts.scattered(area, count, rng)
     # Neighbours stand together, or every product with a blend waits for memory.
-    chosen = np.sort(rng.choice(len(corners), count, p=area / area.sum()))
-    inside = rng.dirichlet((1, 1, 1), count).astype(np.float32)[:, :, None]
-    points, at = ((v[corners[chosen]] * inside).sum(1) for v in (mesh, uv))
+    chosen = np.sort(rows)
+    points, at = ((v[corners[chosen]] * shares[:, :, None]).sum(1) for v in (mesh, uv))
     return points, (across / area[:, None])[chosen], at
 
 

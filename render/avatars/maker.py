@@ -71,7 +71,7 @@ class Maker:
         return Occlusion(self._context or create_context(), self.solid)
 
     @cached_property
-    def over_atlas(self) -> csr_array:
+    def atlas_shares(self) -> csr_array:
         """[T, n] of the Gaussians on the skin, see textures.between."""
         return textures.between(self.anchor_uv[self.anchor_kinds == mesh_parts.SKIN])
 

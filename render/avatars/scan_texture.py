@@ -50,4 +50,4 @@ def places(maker: Maker, values: Floats) -> Doubles:  # [V, C] -> [SIZE * 2 * SI
 
 def over_atlas(maker: Maker, values: Floats) -> Doubles:  # [N, C] -> [SIZE * 2 * SIZE, C]
     """What Gaussians have, between those that have a place in the atlas."""
-    return maker.over_atlas @ values[maker.anchor_kinds == mesh_parts.SKIN]
+    return maker.atlas_shares @ values[maker.anchor_kinds == mesh_parts.SKIN]

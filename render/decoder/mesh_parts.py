@@ -7,6 +7,7 @@ texture coordinates.
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.sparse import csr_array
 
 from render.decoder.kernels import surface as kernels
@@ -51,6 +52,16 @@ def normal_sum(faces: Ints, num_vertices: int) -> csr_array:  # [V, F]
     columns = np.repeat(np.arange(len(faces)), 3)
     ones = np.ones(len(rows), np.float32)
     return csr_array((ones, (rows, columns)), shape=(num_vertices, len(faces)))
+
+
+def scattered(
+    weights: NDArray[np.floating],  # [F] of triangles: their areas, say
+    count: int,
+    rng: np.random.Generator,
+) -> tuple[NDArray[np.int64], Floats]:  # [n], [n, 3]
+    """Random places: rows of triangles, and barycentric coordinates there."""
+    rows = rng.choice(len(weights), size=count, p=weights / weights.sum())
+    return rows, rng.dirichlet((1, 1, 1), count).astype(np.float32)
 
 
 def vertex_normals(vertices: Floats, faces: Ints, gather: csr_array) -> Floats:  # [V, 3] unit

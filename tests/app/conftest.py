@@ -4,8 +4,10 @@ import io
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
+import soundfile
 from web_client import AVATAR
 
 from app.main import main
@@ -13,6 +15,10 @@ from render.decoder import identity
 from render.decoder.identity import Identity
 from render.splats.renderer import create_renderer
 from render.types import Renderer
+from sensors.session import files
+from sensors.types import SAMPLE_RATE
+
+SPEECH = Path(__file__).parents[2] / "recordings" / "smoke" / "audio.wav"
 
 
 @pytest.fixture(scope="session")
@@ -25,6 +31,15 @@ def renderer() -> Iterator[Renderer]:
     made = create_renderer()
     yield made
     made.close()
+
+
+@pytest.fixture
+def second(tmp_path: Path) -> Path:
+    """A session of a second of speech."""
+    speech, _ = soundfile.read(SPEECH, frames=SAMPLE_RATE)
+    soundfile.write(tmp_path / "second.wav", speech, SAMPLE_RATE)
+    files.create(tmp_path / "second", tmp_path / "second.wav")
+    return tmp_path / "second"
 
 
 @dataclass(frozen=True)

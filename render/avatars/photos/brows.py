@@ -43,7 +43,8 @@ class SeenBrows(NamedTuple):
 def grown(maker: Maker, who: Identity) -> Identity:
     """With hairs on the brows that the skin shows, and less of these on the skin."""
     pool = hairs(maker)
-    brows = seen(maker, who, standing(maker, pool).astype(np.float64))
+    roots = standing(maker, pool)
+    brows = seen(maker, who, roots.astype(np.float64))
     whole = brows.share > 0.5
     if not whole.any():
         return who
@@ -51,7 +52,7 @@ def grown(maker: Maker, who: Identity) -> Identity:
     corners, shares = planted(maker, brows.share, rng)
     color = DARKER * np.percentile(who.albedo[whole].astype(np.float64) ** 2, HAIR, axis=0)
     colors = color * np.exp(rng.normal(0, UNEVEN, (len(corners), 1)))
-    grows = like(maker, pool, corners, shares, np.sqrt(colors).clip(0, 1), rng)
+    grows = like(maker, pool, roots, corners, shares, np.sqrt(colors).clip(0, 1), rng)
     albedo = who.albedo + PAINT * brows.share[:, None] * (brows.bare - who.albedo)
     return replace(who, albedo=albedo.astype(np.float32), beard=joined([who.beard, grows]))
 
@@ -94,17 +95,16 @@ def planted(
     mean = np.bincount(maker.anchor_triangles, share, len(maker.faces)) / np.maximum(own, 1)
     a, b, c = (maker.template[maker.faces[:, k]].astype(np.float64) for k in range(3))
     hairs_on = DENSE * mean * 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    count = round(hairs_on.sum())
-    rows = np.asarray(rng.choice(len(mean), count, p=hairs_on / hairs_on.sum()))
-    return maker.faces[rows], rng.dirichlet((1, 1, 1), count).astype(np.float32)
+    rows, shares = mesh_parts.scattered(hairs_on, round(hairs_on.sum()), rng)
+    return maker.faces[rows], shares
 
 
 def like(
-    maker: Maker, pool: Beard, corners: Ints, shares: Floats, albedo: Doubles,
+    maker: Maker, pool: Beard, roots: Floats, corners: Ints, shares: Floats, albedo: Doubles,
     rng: np.random.Generator,
 ) -> Beard:  # fmt: skip
-    """A hair on each place [n, 3], [n, 3] in its colour [n, 3], that lies as one nearby does."""
-    roots = standing(maker, pool)
+    """A hair on each place [n, 3], [n, 3] in its colour [n, 3], that lies as one nearby does of
+    those that stand on roots [B, 3]."""
     starts = np.flatnonzero(np.r_[True, (np.diff(roots, axis=0) != 0).any(1)])
     pieces = np.diff(np.r_[starts, len(pool)])
     middles = np.repeat(np.add.reduceat(pool.offsets, starts) / pieces[:, None], pieces, 0)

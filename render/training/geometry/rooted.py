@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
-from render.decoder.mesh_parts import SKIN_VERTICES
+from render.decoder.mesh_parts import SKIN_VERTICES, scattered
 from render.strands import Hair
 from render.training.geometry.assembly import Assembly
 from render.training.geometry.trace import CROWN_MM, strand_quats
@@ -81,8 +81,8 @@ def hairs(
     edges = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     areas = np.linalg.norm(edges, axis=1)
     weight = areas * density[skin].mean(1)
-    chosen = rng.choice(len(skin), count, p=weight / weight.sum())
-    shares = rng.dirichlet((1, 1, 1), count).astype(np.float32)[..., None]
+    chosen, shares = scattered(weight, count, rng)
+    shares = shares[..., None]
     out = edges[chosen] / areas[chosen, None]
     at, way = ((v[skin[chosen]] * shares).sum(1) for v in (vertices, flow))
     full = (density[skin[chosen]] * shares[..., 0]).sum(1) / density.max()

@@ -11,10 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 from PIL import Image
+from quick_colors import quick_colors
 
 from app.avatars import photos, register
 from app.commands.avatar import CreateAvatar, ExportAvatar
-from render.avatars import blends, detail, ply, registration, sheet
+from render.avatars import ply, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
 from render.cameras import portrait
@@ -30,11 +31,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(autouse=True, scope="module")
 def _quick_colours() -> Iterator[None]:
-    """How sharp colours are is judged in tests/render/avatars/test_detail.py."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detail, "STEPS", 1)
-        patch.setattr(blends, "DENSITY", 0.3)
-        patch.setattr(blends, "_known", {})
+    with quick_colors():
         yield
 
 

@@ -7,13 +7,9 @@ from pathlib import Path
 
 import aiohttp
 import pytest
-import soundfile
 
 from app.commands.replay import KEYS, _steer
-from sensors.session.files import create
-from sensors.types import SAMPLE_RATE
 
-SPEECH = Path(__file__).parents[3] / "recordings" / "smoke" / "audio.wav"
 WORDS = [sys.executable, "-c", "from app.main import main; main()", "replay"]
 
 
@@ -41,12 +37,9 @@ def test_lines_steer_the_playback(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.slow
-def test_the_page_is_waited_for_and_gets_more_than_the_session_holds(tmp_path: Path) -> None:
-    second, _ = soundfile.read(SPEECH, frames=SAMPLE_RATE)
-    soundfile.write(tmp_path / "second.wav", second, SAMPLE_RATE)
-    create(tmp_path / "session", tmp_path / "second.wav")
+def test_the_page_is_waited_for_and_gets_more_than_the_session_holds(second: Path) -> None:
     run = subprocess.Popen(
-        [*WORDS, str(tmp_path / "session"), "--web", "0"],
+        [*WORDS, str(second), "--web", "0"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True,
     )  # fmt: skip
     assert run.stdin and run.stdout

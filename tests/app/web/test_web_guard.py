@@ -152,6 +152,17 @@ def test_a_folder_of_settings_that_cannot_be_used_is_told(
         pass
 
 
+def test_an_address_of_ipv6_can_be_opened(decoder: Decoder) -> None:
+    with serving(decoder, host="::1", gaussians="16k") as talker:
+        assert talker.address.startswith("http://[::1]:")
+
+        async def work() -> None:
+            async with aiohttp.ClientSession() as session:
+                assert (await session.get(talker.address)).status == 200
+
+        play(work)
+
+
 def test_the_door_opens_again_after_too_many_open_files() -> None:
     """Red before: the first EMFILE ended the task that accepts, and nobody came in any more."""
 

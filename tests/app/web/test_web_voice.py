@@ -130,13 +130,11 @@ def listen(page: Any, talker: Talker, pulse: PulseServer, wav: np.ndarray) -> li
 
 
 def place(heard: np.ndarray, wav: np.ndarray) -> int:
-    """Where in `heard` the first sample of `wav` lies, after silence; or -1.
-
-    It is found by its first 10 ms of sound."""
+    """Where in `heard` the first sample of `wav` lies, found by its first 10 ms of sound; or -1."""
     mark = int(np.flatnonzero(np.abs(wav) > 0.02)[0])
     starts = np.flatnonzero(heard == wav[mark])
     found = [k for k in starts if np.array_equal(heard[k : k + 480], wav[mark : mark + 480])]
     if not found:
         return -1
-    start = int(found[0]) - mark
-    return -1 if heard[:start].any() else start
+    assert not heard[: int(found[0]) - mark].any()  # nothing but silence before it
+    return int(found[0]) - mark

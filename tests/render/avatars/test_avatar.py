@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from quick_colors import quick_colors
 
-from render.avatars import blends, detail, ply, scan, sheet
 from render.avatars import maker as avatar
+from render.avatars import ply, scan, sheet
 from render.avatars.hair_transfer import transfer, worn
 from render.decoder import identity
 from render.decoder.decoder import Decoder
@@ -25,11 +26,7 @@ pytestmark = pytest.mark.slow
 
 @pytest.fixture(scope="module")
 def maker(egl_context: GLContext) -> Iterator[avatar.Maker]:
-    """Its colours take one step, at few places: how sharp they are is judged in test_detail.py."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(detail, "STEPS", 1)
-        patch.setattr(blends, "DENSITY", 0.3)
-        patch.setattr(blends, "_known", {})
+    with quick_colors():
         yield avatar.Maker(context=egl_context)
 
 
