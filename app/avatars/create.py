@@ -32,8 +32,8 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     from app.avatars import photos
     from render.avatars.hair_transfer import worn
     from render.avatars.maker import Maker
-    from render.avatars.photos import brows, dress
-    from render.avatars.photos.colors import complete, eyes
+    from render.avatars.photos import brows, dress, person
+    from render.avatars.photos.colors import eyes
     from render.decoder import identity
     from render.decoder.learned import avatar_files
 
@@ -41,22 +41,18 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     _check_given(parts)
     lender = identity.load(parts.hair) if parts.hair is not None else None
     bearded = identity.load(parts.beard) if parts.beard is not None else None
-    maker, color = Maker(), None
+    maker = Maker()
     if parts.eye is not None:
         maker.check_eye(parts.eye)
     if parts.photos:
-        made = photos.head(maker, parts.photos)
-        geometry, skin = dress.padded(maker, made.geometry), made.skin
-        eye, color = parts.eye or made.eye, made.beard
-        if lender and made.hair is not None:
-            lender = dress.dyed(maker, lender, made.hair)
+        head = photos.head(maker, parts.photos)
+        eye, color = parts.eye or head.eye, head.beard
+        who = person.avatar(maker, name, head, lender, eye)
     else:
-        (geometry, skin), eye = _scanned(maker, parts), parts.eye or eyes.USUAL
-    who = brows.grown(maker, maker.identity(name, geometry, skin, eye))
-    if lender:
-        who = worn(maker, who, lender)
-    if parts.photos:
-        who = dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
+        eye, color = parts.eye or eyes.USUAL, None
+        who = brows.grown(maker, maker.identity(name, *_scanned(maker, parts), eye))
+        if lender:
+            who = worn(maker, who, lender)
     if bearded:
         who = dress.bearded(maker, who, bearded, color)
     given = {key: _named(value) for key, value in asdict(parts).items()} | {"eye": eye}

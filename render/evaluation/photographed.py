@@ -15,8 +15,7 @@ from render import cameras
 from render.avatars import hair_transfer, lashes, registration, sheet
 from render.avatars.alignment import similarity
 from render.avatars.maker import Maker
-from render.avatars.photos import brows, dress
-from render.avatars.photos.person import PhotographedHead
+from render.avatars.photos.person import PhotographedHead, avatar
 from render.avatars.photos.shape import picture
 from render.avatars.photos.shape.detector import FaceDetector
 from render.avatars.photos.shape.picture import Photo
@@ -123,13 +122,7 @@ class PhotoStudio:
 
     def beside(self, sitter: HeldOutSitter, found: PhotographedHead) -> NDArray[np.uint8]:
         """[1024, 6144, 3]: three photographs, then the avatar from there, in the same light."""
-        lender = sitter.lender
-        if found.hair is not None:
-            lender = dress.dyed(self.maker, lender, found.hair)
-        made = self.maker.identity("made", found.geometry, found.skin, found.eye)
-        who = brows.grown(self.maker, made)
-        who = replace(who, hair=hair_transfer.transfer(lender, who))
-        who = dress.dressed(self.maker, who, lender)
+        who = avatar(self.maker, "made", found, sitter.lender)
         own = [self.picture(who, sitter.light, yaw) for yaw in YAWS[:3]]
         return np.concatenate([*(p.picture for p in sitter.photos[:3]), *own], 1)
 

@@ -1,9 +1,11 @@
-"""Somebody's geometry and skin from photographs: all the steps."""
+"""Somebody from photographs, all the steps: geometry and skin, then the whole avatar."""
 
 from dataclasses import dataclass
 
+from render.avatars import hair_transfer
 from render.avatars.maker import Maker
-from render.avatars.photos.colors import eyes, hair, skin
+from render.avatars.photos import brows, dress
+from render.avatars.photos.colors import complete, eyes, hair, skin
 from render.avatars.photos.colors.light import DARK
 from render.avatars.photos.shape import fit, irises, places, point_shapes, shapes
 from render.avatars.photos.shape.fit import FaceFit
@@ -11,6 +13,8 @@ from render.avatars.photos.shape.picture import Photo
 from render.avatars.photos.shape.places import PointPlaces
 from render.avatars.photos.shape.point_shapes import PointShapes
 from render.avatars.registration import Progress
+from render.decoder import identity
+from render.decoder.identity import Identity
 from render.types import Doubles, Floats
 from sensors.types import InputError
 
@@ -50,6 +54,23 @@ def make(maker: Maker, photos: list[Photo], progress: Progress) -> PhotographedH
         beard=None if painted.beard is None else hair.dye(painted.beard + DARK),
         left_mm=found.left_mm,
     )
+
+
+def avatar(
+    maker: Maker,
+    name: str,
+    head: PhotographedHead,
+    lender: Identity | None = None,  # of the hair; None: no hair
+    eye: str | None = None,  # None: as photographed
+) -> Identity:
+    """With the brows that are seen, the lender's hair in the colour that is seen, and a shirt."""
+    if lender and head.hair is not None:
+        lender = dress.dyed(maker, lender, head.hair)
+    geometry = dress.padded(maker, head.geometry)
+    who = brows.grown(maker, maker.identity(name, geometry, head.skin, eye or head.eye))
+    if lender:
+        who = hair_transfer.worn(maker, who, lender)
+    return dress.dressed(maker, who, lender or identity.load(complete.PLAIN))
 
 
 def fitted(maker: Maker, table: PointPlaces, people: PointShapes, photos: list[Photo]) -> FaceFit:
