@@ -14,7 +14,7 @@ from render.decoder.beard import Beard, joined
 from render.decoder.mesh_parts import SKIN_VERTICES
 from render.training.data import age, people
 from render.training.fitting.wardrobe import Wardrobe
-from render.training.geometry import beard, hair, hem, mass, rooted, teeth
+from render.training.geometry import beard, cards, hair, hem, mass, rooted, teeth
 from render.training.geometry.assembly import Assembly
 from render.training.look import brows, eyes, lids, wrinkles
 from render.training.recipes import BALD, BUZZ, HANGING, RECIPES, SWEPT, Recipe
@@ -52,8 +52,8 @@ def make(
     vertices = maker.posing.rest(dressed).geometry
     worn = cover = None
     if recipe.style not in (BALD, BUZZ):
-        worn = hair.cards(assembly, vertices, assembly.normals(vertices), recipe.style)
-        cover = worn.corners if worn.texture is None else hair.opaque(worn)
+        worn = cards.bound(assembly, vertices, assembly.normals(vertices), recipe.style)
+        cover = worn.corners if worn.texture is None else cards.opaque(worn)
     eye = eyes.toned(wardrobe.eye(recipe.eye), recipe.whites, recipe.irises)
     who = maker.identity(name, dressed, wardrobe.texture(person), eye, cover)
     albedo = calmed(assembly, maker, who)
@@ -91,7 +91,7 @@ def make(
 
 
 def haired(
-    assembly: Assembly, maker: Maker, who: identity.Identity, worn: hair.Cards, recipe: Recipe
+    assembly: Assembly, maker: Maker, who: identity.Identity, worn: cards.Cards, recipe: Recipe
 ) -> identity.Identity:
     """With a head of hair, and what that does to the skin below and beside it."""
     vertices, head, tint = who.geometry, maker.surface, recipe.tint

@@ -8,7 +8,7 @@ from render.training.look.brows import Brows
 
 BALD, BUZZ = "bald", "buzz"
 HANGING = ("long01", "afro01")  # styles that hide skin without touching it
-SWEPT = ("bob02_swept", "short03_swept")  # that stand off a temple: seen from inside
+SWEPT = ("bob02_swept",)  # that stand off a temple: seen from inside
 
 
 @dataclass(frozen=True)

@@ -4,30 +4,26 @@ Strands are traced along the cards: every Gaussian lies in the card's plane but 
 the whole head of hair, with the light that reaches it, so a card seen edge-on does not show.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from render.avatars import hairline
-from render.avatars.textures import sample
 from render.decoder.mesh_parts import SKIN_VERTICES
 from render.gl.occlusion import Occlusion
 from render.strands import Hair, away, axes, joined
-from render.training.data.face_data import MM_PER_UNIT
 from render.training.geometry import rooted
 from render.training.geometry.assembly import Assembly
+from render.training.geometry.cards import LONG_SPAN, Cards, directions, opaque
 from render.training.geometry.curls import curls
 from render.training.geometry.mass import SOME, cells, mass, sheet
 from render.training.geometry.trace import Pieces, evened, in_line, strand_quats, trace
 from render.types import Floats
 
 Tint = tuple[float, float, float]
+CURLS_DEEP = (2.5, 0.4)  # mm; light below curls
 STRAND_MM, CURL_MM = (1.17, 0.26, 0.20), (0.85, 0.27, 0.27)  # standard deviations, a step long
-SPAN, LONG_SPAN, LONG = 3, 4, ("long01", "ponytail01")  # steps a Gaussian is long; of long hair
 COVERED, WIDER = 0.14, (0.8, 1.5)  # strands' share of the surface, and how much wider they get
-CURLS, CURLS_DEEP = ("afro01",), (2.5, 0.4)  # mm; light below them
 HIDDEN, SHOWN = 0.14, 0.22  # share of any light that the mass sees at least, and that strands do
 CROP_SEEN = (0.75, 0.7, 0.7, 0.7)  # of hair cut to a few millimetres
 ALONE_MM = 7.0  # from the middle of those around it: a patch by itself is left out
@@ -43,46 +39,6 @@ RAG_MM, RAG = (8.0, 6.0), 0.25  # off the skin at least; strands so near, as a s
 FREE_MM = 14.0  # off the skin: hair that hangs, seen from both sides
 LOWEST_MM = -1.0  # other strands lower than this under the hair's surface would not be seen
 DARK = 0.02  # share of the sky inside a mouth
-LIFT_MM = 0.8  # hair stays this far outside the skin
-
-
-@dataclass(frozen=True)
-class Cards:
-    """One style on one head."""
-
-    corners: Floats  # [T, 3, 3] mm
-    uv: Floats  # [T, 3, 2]
-    texture: Floats | None  # [H, W, 4]; none for curls
-    cap: Floats  # [SKIN_VERTICES] 0..1 hair cover of the skin
-    span: int  # steps of a strand that one Gaussian shows
-
-
-def cards(assembly: Assembly, vertices: Floats, normals: Floats, style: str) -> Cards:
-    """Bind a style to a person at rest."""
-    face = assembly.face
-    z = np.load(face.folder / "hair" / f"hair_{style}.npz", allow_pickle=False)
-    bound = vertices[z["bind_idx"]] / MM_PER_UNIT
-    points = ((bound * z["bind_w"][..., None]).sum(1) + z["offsets"]) * MM_PER_UNIT
-    points = push_out(points.astype(np.float32), vertices, normals)
-    texture, span = None, LONG_SPAN if style in LONG else SPAN
-    if style not in CURLS:
-        texture = face.image(f"hair/{style.removesuffix('_swept')}.png")
-    return Cards(
-        points[z["tris"]], z["uv"][z["tris"]], texture, z["scalp_cap"].astype(np.float32), span
-    )
-
-
-def push_out(points: Floats, vertices: Floats, normals: Floats) -> Floats:
-    """Move hair that fell inside the skin outside it."""
-    skin, out = vertices[:SKIN_VERTICES], points.copy()
-    for _ in range(2):
-        _, near = KDTree(skin).query(out, k=4)
-        normal = normals[near].mean(1)
-        normal /= np.linalg.norm(normal, axis=1, keepdims=True) + 1e-9
-        height = ((out[:, None] - skin[near]) * normals[near]).sum(2).mean(1)
-        inside = (height < LIFT_MM) & (height > -25)
-        out[inside] += (LIFT_MM - height[inside])[:, None] * normal[inside]
-    return out
 
 
 def grow(
@@ -94,8 +50,8 @@ def grow(
         pieces, size = curls(worn.corners, rng), CURL_MM
         cover = worn.corners
     else:
-        directions = strands(worn.corners, worn.uv)
-        pieces = evened(trace(worn.corners, worn.uv, worn.texture, directions, worn.span, rng))
+        along = directions(worn.corners, worn.uv)
+        pieces = evened(trace(worn.corners, worn.uv, worn.texture, along, worn.span, rng))
         size = (worn.span * STRAND_MM[0], *STRAND_MM[1:])
         cover = opaque(worn)
     outward = away(pieces.middles)
@@ -225,19 +181,3 @@ def under(with_hair: Floats, bald: Floats) -> Floats:  # [U] shares of the sky -
     """Which skin hair lies over, by the light that it takes."""
     share = np.clip((0.5 - with_hair / np.maximum(bald, DARK)) / 0.4, 0, 1)
     return (share * (bald > DARK)).astype(np.float32)
-
-
-def opaque(worn: Cards) -> Floats:
-    """Triangles that are more hair than air: they cast shadow."""
-    assert worn.texture is not None
-    middle = worn.uv.mean(1).astype(np.float32)
-    return worn.corners[sample(worn.texture, middle)[:, 3] > 0.5]
-
-
-def strands(corners: Floats, uv: Floats) -> Floats:  # [T, 3, 3], [T, 3, 2] -> [T, 3]
-    """Direction in which v grows: the textures' strands run along it."""
-    e1, e2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    d1, d2 = uv[:, 1] - uv[:, 0], uv[:, 2] - uv[:, 0]
-    determinant = d1[:, :1] * d2[:, 1:] - d2[:, :1] * d1[:, 1:]
-    along = (e2 * d1[:, :1] - e1 * d2[:, :1]) * np.sign(determinant)
-    return along / (np.linalg.norm(along, axis=1, keepdims=True) + 1e-9)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from render.strands import Hair, axes
-from render.training.geometry import curls, hair, hem, mass, rooted, trace
+from render.training.geometry import cards, curls, hair, hem, mass, rooted, trace
 from render.training.geometry.trace import Pieces
 from render.training.look import wrinkles
 from render.types import Floats
@@ -242,3 +242,17 @@ def test_wrinkles_come_with_age() -> None:
     np.testing.assert_array_equal(wrinkles.at_rest(albedo, maps, 0), albedo)
     aged = wrinkles.at_rest(albedo, maps, 0.75)
     assert (aged[0] == albedo[0]).all() and (aged[1] < albedo[1]).all()
+
+
+def test_hair_that_stands_off_a_temple_is_pressed_and_a_nape_is_left() -> None:
+    turns = np.linspace(0, 2 * np.pi, 3000, endpoint=False)
+    skin = (80 * np.stack([np.sin(turns), 0 * turns, np.cos(turns)], 1)).astype(np.float32)
+    off = (skin[::30] * 110 / 80).astype(np.float32)  # 30 mm
+    after = cards.pressed(off, skin)
+    far = np.linalg.norm(after, axis=1) - 80
+    front, back = off[:, 2] > cards.BEFORE_MM[1], off[:, 2] < cards.BEFORE_MM[0]
+    wanted = cards.STANDS_MM + cards.STANDS * (30 - cards.STANDS_MM)
+    np.testing.assert_allclose(far[front], wanted, atol=0.1)
+    np.testing.assert_array_equal(after[back], off[back])
+    near = (skin * 84 / 80).astype(np.float32)
+    np.testing.assert_array_equal(cards.pressed(near, skin), near)
