@@ -21,7 +21,7 @@ STAY, STEPS = 0.11, 40  # how much a colour that stays is worth; of least square
 SKIN, EYES = (0.8, 1.1), (0.3, 1.9)
 # Texels of the skin and of an eye's picture: what a picture averages of them (what is darker than a
 # pupil would draw the look aside); detail finer than FINE is wanted so much stronger.
-SKIN_BLUR, SKIN_FINE, SKIN_GAIN = 0.65, 6.0, 1.3
+SKIN_BLUR, SKIN_FINE, SKIN_GAIN = 0.65, 6.0, 1.26
 EYE_BLUR, EYE_FINE, EYE_GAIN = 2.5, 6.25, 1.6
 ROUNDS = 3  # of least squares: what gains at a limit may not do, others make up for
 # A colour of an eye is found within so many texels, or is lighter by at most this, and by no more
