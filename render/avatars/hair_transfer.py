@@ -14,7 +14,7 @@ from render.strands import Hair, away
 NEIGHBOURS = 24
 SOFT_MM = 18.0  # hair far from the skin follows a wide part of it
 HIGH_MM = 80.0  # hair so high lies over the skin below it
-DENSE = 0.9  # cover of skin that has the colour of roots
+DENSE = 0.9  # of the largest cover of skin: from there on it has the colour of roots
 DARKER = 0.25  # of its area that is: at the edges skin shows through
 RADIUS_MM = np.float32(100.0)  # of a head
 SCALP_MM = 60.0  # skin above this height carries the hair
@@ -35,7 +35,7 @@ def worn(maker: Maker, who: Identity, lender: Identity) -> Identity:
     )
     out, up = (RADIUS_MM * away(at) for at in (points, hair.means))
     over = np.maximum(over, hairline.near(out, up))  # high above it feet are far apart
-    dense = low > DENSE
+    dense = low >= DENSE * low.max()
     area = np.repeat(head.scales[dense, None] ** 2, 3, 1)  # Gaussians crowd where a face begins
     root = np.quantile(lender.albedo[dense], DARKER, 0, weights=area, method="inverted_cdf")
     unlike = np.linalg.norm(lender.albedo - root, axis=1)

@@ -117,6 +117,17 @@ def test_skin_under_borrowed_hair_has_its_roots(maker, bald):
     assert worn(maker, bald, identity.load("hugo")) is bald
 
 
+def test_thin_hair_has_roots_too(maker, bald):
+    """Red before: cropped hair on a large head lay nowhere densely, which was an IndexError."""
+    lender = identity.load("joao")
+    thin = lender.hair.rows(slice(None, None, 4))
+    who = worn(maker, bald, replace(lender, hair=thin))
+    points = maker.surface.interpolate @ maker.template[maker.surface.used]
+    crown = points[:, 1] > 120
+    assert np.isfinite(who.albedo).all()
+    assert who.albedo[crown].mean() < bald.albedo[crown].mean() - 0.01
+
+
 def damaged(change: str) -> np.ndarray:
     vertices = identity.load("ben").geometry.copy()
     if change == "nan":
