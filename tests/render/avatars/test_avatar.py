@@ -128,6 +128,16 @@ def test_thin_hair_has_roots_too(maker, bald):
     assert who.albedo[crown].mean() < bald.albedo[crown].mean() - 0.01
 
 
+@pytest.mark.parametrize(("count", "rows", "columns"), [(1, 1, 1), (3, 1, 3), (4, 2, 3), (6, 2, 3)])
+def test_a_sheet_is_as_wide_as_its_pictures(count, rows, columns):
+    """Red before: a portrait stood beside two blank squares."""
+    pictures = [np.full((4, 5, 3), 10 + k, np.uint8) for k in range(count)]
+    whole = sheet.grid(pictures, 3)
+    assert whole.shape == (4 * rows, 5 * columns, 3)
+    cells = whole[::4, ::5, 0].ravel().tolist()
+    assert cells == [10 + k for k in range(count)] + [10] * (rows * columns - count)
+
+
 def damaged(change: str) -> np.ndarray:
     vertices = identity.load("ben").geometry.copy()
     if change == "nan":
