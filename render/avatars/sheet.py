@@ -164,8 +164,8 @@ def around(cloud: Gaussians, renderer: Renderer, size: int, count: int) -> Itera
 
 
 def grid(pictures: list[Picture], columns: int) -> Picture:
-    """At most so many beside each other; the last row of several is filled with what is in the first
-    one's corner."""
+    """At most so many beside each other; the last row of several is filled with what is in the
+    first one's corner."""
     columns = min(columns, len(pictures))
     blank = np.full_like(pictures[0], pictures[0][0, 0])
     pictures = pictures + [blank] * (-len(pictures) % columns)
