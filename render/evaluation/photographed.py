@@ -83,7 +83,7 @@ class PhotoStudio:
         dark = (0.16, 0.11, 0.08)
         own = grow(face, at, self._assembly.normals(at), self.maker.skin, Brows(), dark, index)
         lash = lashes.grow(self.maker.posing, who.rest)
-        who = replace(who, hair=hair_transfer.transfer(lender, who), beard=joined([lash, own]))
+        who = hair_transfer.worn(self.maker, replace(who, beard=joined([lash, own])), lender)
         light, distance = LIGHTS[index % len(LIGHTS)], float(rng.uniform(*DISTANCES_MM))
         photos = list[Photo]()
         for k, yaw in enumerate(YAWS):

@@ -5,7 +5,7 @@ import pytest
 
 from render.avatars.maker import Maker
 from render.avatars.photos import dress
-from render.avatars.photos.colors import creases, exposure, eyes, hair, light, whites
+from render.avatars.photos.colors import complete, creases, exposure, eyes, hair, light, whites
 from render.avatars.photos.colors.skin import PaintedSkin
 from render.avatars.photos.shape import detector, fit
 from render.avatars.photos.shape.picture import Photo
@@ -160,3 +160,15 @@ def test_creases_of_a_smile_are_not_in_the_skin_at_rest(maker: Maker) -> None:
     assert out[lines & (fold > 0.9)].mean() > 2 * color[lines].mean()
     np.testing.assert_allclose(out[~lines], color[~lines], rtol=1e-6)
     np.testing.assert_array_equal(out[fold == 0], color[fold == 0])
+
+
+def test_what_glares_on_one_side_comes_from_the_other() -> None:
+    """A jaw before a bright window; a white beard glares on both sides, and is one; skin opposite a
+    dark strand of hair does not glare."""
+    other = np.array([1, 0, 3, 2, 5, 4, 7, 6])
+    color = np.array([TONE, TONE + 0.3, TONE, 1.1 * TONE, *[TONE + 0.4] * 2, 0.2 * TONE, TONE])
+    known, usual = np.ones(8), np.tile(TONE, (8, 1))
+    trust = complete.believed(color, known, other, usual)
+    np.testing.assert_allclose(trust, [1, 0, 1, 1, 1, 1, 1, 1], atol=1e-6)
+    known[0] = 0
+    np.testing.assert_allclose(complete.believed(color, known, other, usual), 1, atol=1e-6)

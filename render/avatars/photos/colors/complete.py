@@ -11,7 +11,7 @@ from render.avatars.photos.colors.light import DARK
 from render.avatars.textures import SIZE
 from render.decoder import identity
 from render.decoder.learned import avatar_files
-from render.types import Doubles, Floats
+from render.types import Doubles, Floats, Ints
 
 KNOWN = 0.25  # weight at which a place is known
 MIRROR_MM = 4.0
@@ -22,6 +22,7 @@ ABOVE_MM, BESIDE_MM, CHEEKS_MM = (-16.0, 2.0), (-2.0, 5.0), (5.0, 20.0)
 BEHIND_MM, NAPE_MM = (35.0, 15.0), (-40.0, -20.0)
 BRIGHT = 0.75  # on the face: place in the order of brightness, one without hair there
 SMOOTH = 4.0  # texels: typical skin has nobody's freckles
+GLARES, SHINES = (0.25, 0.6), (0.1, 0.4)  # logarithm of blue: over the other side, over skin
 SOURCES, NEAR_MM = 1500, 4.0  # places that tell of the unseen; up to there all count alike
 MOST_SPREAD = 0.3  # by which what is unseen differs from the tone of the face; logarithm
 
@@ -62,6 +63,7 @@ def complete(
         at * np.array([-1.0, 1.0, 1.0]), distance_upper_bound=2 * MIRROR_MM
     )
     other = np.where(np.isfinite(distance), other, 0)
+    known *= believed(merged, known, other, pattern)
     share = known[other] * np.exp(-((distance / MIRROR_MM) ** 2)) * (1 - known)
     both = known + share
     color = (known[:, None] * merged + share[:, None] * merged[other]) / (both[:, None] + 1e-9)
@@ -77,6 +79,18 @@ def complete(
     soft = np.minimum(soft, weight).reshape(-1, 1)
     linear = (soft * color + (1 - soft) * base).reshape(*shape, 3)
     return scan_texture.enlarged(np.sqrt(np.clip(linear, 0.0, 0.9)))
+
+
+def believed(
+    color: Doubles,  # [T, 3] linear
+    known: Doubles,  # [T] 0..1
+    other: Ints,  # [T] the same place on the other side
+    typical: Doubles,  # [T, 3] linear
+) -> Doubles:  # [T] 0..1
+    """Not what is far brighter than both the other side and typical skin: that glares."""
+    blue, usual = np.log(color[:, 2] + DARK), np.log(typical[:, 2] + DARK)  # shines, skin does not
+    glare = ramp(blue - blue[other], *GLARES) * ramp(blue - usual, *SHINES)
+    return 1 - glare * known[other]
 
 
 def carried(
