@@ -54,11 +54,19 @@ def dyed(maker: Maker, lender: Identity, wanted: Doubles) -> Identity:  # [3] li
     if not len(lender.hair):
         return lender
     own = np.median(lender.hair.albedo.astype(np.float64) ** 2, 0)
-    gain = np.sqrt((wanted + DARK) / (own + DARK))
-    share = roots(maker, lender)[:, None]
-    strands = np.clip(lender.hair.albedo * gain, 0, 1).astype(np.float32)
-    scalp = np.clip(lender.albedo * (1 + share * (gain - 1)), 0, 1).astype(np.float32)
-    return replace(lender, hair=replace(lender.hair, albedo=strands), albedo=scalp)
+    strands = np.clip(lender.hair.albedo * _gain(own, wanted), 0, 1).astype(np.float32)
+    who = replace(lender, hair=replace(lender.hair, albedo=strands))
+    share = roots(maker, lender)
+    if not share.any():
+        return who
+    root = np.average(lender.albedo.astype(np.float64) ** 2, 0, share**4)
+    gain = _gain(root, wanted * (root @ LUMINANCE) / (own @ LUMINANCE))  # as dark beside strands
+    scalp = np.clip(lender.albedo * (1 + share[:, None] * (gain - 1)), 0, 1)
+    return replace(who, albedo=scalp.astype(np.float32))
+
+
+def _gain(own: Doubles, wanted: Doubles) -> Doubles:  # [3], [3] linear -> [3] of stored colours
+    return np.sqrt((wanted + DARK) / (own + DARK))
 
 
 def bearded(

@@ -69,3 +69,15 @@ def test_skin_under_a_lent_beard_is_as_dark_as_the_lender_s(maker: Maker) -> Non
     above = points[:, 1] > 25
     np.testing.assert_array_equal(worn.albedo[above], emil.albedo[above])
     np.testing.assert_array_equal(dress.bearded(maker, emil, emil).albedo, emil.albedo)
+
+
+def test_roots_of_dyed_hair_have_its_hue(maker: Maker) -> None:
+    """Red before: below white hair that was dark a scalp was blue, as roots are greyer than hair."""
+    ben, white = identity.load("ben"), np.array([0.5, 0.42, 0.34])
+    at = dress.roots(maker, ben) > 0.9
+    dyed = dress.dyed(maker, ben, white)
+    root = np.median(dyed.albedo[at].astype(np.float64) ** 2, 0)
+    np.testing.assert_allclose(root / root[0], white / white[0], atol=0.1)
+    hair, before = (np.median(w.hair.albedo**2, 0).mean() for w in (dyed, ben))
+    own = np.median(ben.albedo[at] ** 2, 0).mean()
+    assert root.mean() / hair == pytest.approx(own / before, rel=0.3)

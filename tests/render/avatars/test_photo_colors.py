@@ -138,7 +138,9 @@ def test_hair_in_a_photograph_dyes_that_of_a_lender(maker: Maker) -> None:
     ginger = seen(np.array([0.3, 0.09, 0.03]))
     assert ginger is not None
     np.testing.assert_allclose(ginger / ginger[0], [1, 0.25, 0.1], atol=0.04)
-    assert seen(TONE) is None
+    assert seen(TONE) is None and seen(1.4 * TONE) is None
+    white = seen(2.4 * TONE)  # red before: a lender's blond
+    assert white is not None and white.mean() > 0.3
     shot.offset = offset - [0.0, 200.0, 0.0]  # up
     assert seen(np.array([0.3, 0.09, 0.03])) is None
     lender = identity.load("greta")

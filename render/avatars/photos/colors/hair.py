@@ -16,7 +16,7 @@ from render.types import Doubles, Floats
 CROWN_MM = 118.0  # height above which, in front of the ears, there is no forehead
 FACING = 0.3  # least cosine to the viewer
 LEAST = 60  # places that tell a colour
-BRIGHT, HUE = 0.5, 0.3  # of the skin: a bald head, or hair in the colour of skin
+BRIGHT, HUE = (0.5, 1.8), 0.3  # of the skin: a bald head, or hair in the colour of skin
 GLOSS = 2.0  # brightness of hair in a picture, of its strands
 # Hue of hair, logarithm: from grey over brown to this, and somewhat beyond.
 GINGER, REDDEST = np.array([1.3, -0.2, -1.1]), 1.1
@@ -52,7 +52,8 @@ def color(
         return None
     middle = np.median(shown, 0) + DARK
     off = np.log(middle / skin.tone)
-    if off.mean() > np.log(BRIGHT) and np.abs(off - off.mean()).max() < HUE:
+    low, high = np.log(BRIGHT)
+    if low < off.mean() < high and np.abs(off - off.mean()).max() < HUE:
         return None
     return dye(middle)
 
