@@ -72,7 +72,7 @@ def test_skin_under_a_lent_beard_is_as_dark_as_the_lender_s(maker: Maker) -> Non
 
 
 def test_roots_of_dyed_hair_have_its_hue(maker: Maker) -> None:
-    """Red before: below white hair that was dark a scalp was blue, as roots are greyer than hair."""
+    """Red before: below white hair that was dark a scalp was blue: roots are greyer than hair."""
     ben, white = identity.load("ben"), np.array([0.5, 0.42, 0.34])
     at = dress.roots(maker, ben) > 0.9
     dyed = dress.dyed(maker, ben, white)
