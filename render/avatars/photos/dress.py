@@ -59,7 +59,8 @@ def dyed(maker: Maker, lender: Identity, wanted: Doubles) -> Identity:  # [3] li
     share = roots(maker, lender)
     if not share.any():
         return who
-    root = np.average(lender.albedo.astype(np.float64) ** 2, 0, share**4)
+    least_skin = share**4  # where hardly anything but roots is seen
+    root = np.average(lender.albedo.astype(np.float64) ** 2, 0, least_skin)
     gain = _gain(root, wanted * (root @ LUMINANCE) / (own @ LUMINANCE))  # as dark beside strands
     scalp = np.clip(lender.albedo * (1 + share[:, None] * (gain - 1)), 0, 1)
     return replace(who, albedo=scalp.astype(np.float32))

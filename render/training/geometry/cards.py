@@ -65,9 +65,9 @@ def pressed(points: Floats, skin: Floats) -> Floats:
     away, near = KDTree(skin).query(points, k=PRESSED_BY)
     out = points - skin[near].mean(1)
     out /= np.linalg.norm(out, axis=1, keepdims=True) + 1e-9
-    before = np.clip((points[:, 2:] - BEFORE_MM[0]) / (BEFORE_MM[1] - BEFORE_MM[0]), 0, 1)
-    more = np.maximum(away[:, :1] - STANDS_MM, 0)
-    return (points - before * (1 - STANDS) * more * out).astype(np.float32)
+    before = np.interp(points[:, 2], BEFORE_MM, (0, 1))
+    more = before * (1 - STANDS) * np.maximum(away[:, 0] - STANDS_MM, 0)
+    return (points - more[:, None] * out).astype(np.float32)
 
 
 def opaque(worn: Cards) -> Floats:

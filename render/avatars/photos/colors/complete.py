@@ -88,7 +88,8 @@ def believed(
     typical: Doubles,  # [T, 3] linear
 ) -> Doubles:  # [T] 0..1
     """Not what is far brighter than both the other side and typical skin: that glares."""
-    blue, usual = np.log(color[:, 2] + DARK), np.log(typical[:, 2] + DARK)  # shines, skin does not
+    # Skin has little blue, what glares has most of it.
+    blue, usual = np.log(color[:, 2] + DARK), np.log(typical[:, 2] + DARK)
     glare = ramp(blue - blue[other], *GLARES) * ramp(blue - usual, *SHINES)
     return 1 - glare * known[other]
 
