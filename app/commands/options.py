@@ -57,8 +57,8 @@ class DriveOptions:
     avatar: str = "ben"
     """Avatar to drive: a name from livedrive avatar list, or FILE.safetensors."""
     gaussians: Literal["auto", "16k", "32k", "65k"] = "auto"
-    """Gaussians of the head without hair; auto: 65k, with --web, with --xr and in calls 32k; 16k
-    for a slow computer or phone."""
+    """Gaussians of the head without hair; auto: 65k, with --web, with --xr and in calls 32k, and
+    fewer where this computer would draw a live picture of so many too late."""
     emotion: Annotated[str | None, optional("NAME[:INTENSITY]")] = None
     """Emotion that the face shows while speaking: happy, sad:0.7, happy:0.5+surprised:0.3,
     neutral. A replay shows the recorded one unless this is given."""
@@ -136,6 +136,7 @@ class DriveOptions:
         return DriveSettings(
             avatar=self.avatar,
             gaussians=self._density(in_call),
+            fewer=self.gaussians == "auto",
             emotion=self.emotion,
             clip=self.clip,
             listen=self.listen,

@@ -5,9 +5,11 @@ source of frames, another view, another panel.
 """
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from app.compose.density import load_decoder
 from app.compose.live import open_page, open_xr, tell
 from app.compose.settings import DriveSettings, FileSettings, HeadMode
 from app.drive import background
@@ -68,10 +70,11 @@ def build(
     from app.sinks.table import Outlet, open_all
     from app.terminal import compiling
     from render.decoder import identity
-    from render.decoder.decoder import Decoder
 
     compiling.announce(tell)
-    who, decoder = identity.load(settings.avatar), Decoder.load(gaussians=settings.gaussians)
+    who = identity.load(settings.avatar)
+    decoder = load_decoder(settings, who, clock)
+    settings = replace(settings, gaussians=decoder.density)
     frames = source.info.num_frames
     stages, emotion = Stages(), _emotion(settings, driver)
     listen = settings.listen
@@ -107,6 +110,7 @@ def build(
         info=RunInfo(width=settings.size, height=settings.size, frames=frames),
         seed=settings.seed,
         emotion=emotion or "",
+        gaussians=decoder.density,
         realtime=settings.realtime,
     )
 

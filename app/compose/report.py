@@ -54,7 +54,7 @@ def report(settings: DriveSettings, parts: Drive, summary: Summary) -> dict[str,
         "condition": condition,
         "checkpoint": STUDENTS[condition],
         "avatar": settings.avatar,
-        "gaussians": settings.gaussians,
+        "gaussians": parts.gaussians,
         "emotion": parts.emotion,
         "stages": parts.stages.summary(),
         **({"lost": lost} if lost else {}),  # outputs that a full disk has ended

@@ -72,6 +72,7 @@ class DriveSettings:
 
     avatar: str = "ben"
     gaussians: Density = DENSITY
+    fewer: bool = False  # ... where this computer would draw so many too late for a live picture
     emotion: str | None = None  # words; None: those of the source
     clip: Path | None = None  # folder of a CLIP model, for other words
     listen: int | None = None  # UDP port for OSC messages that set the emotion

@@ -41,6 +41,7 @@ class Drive:
     info: RunInfo = RunInfo(0, 0, None)
     seed: int = 0
     emotion: str = ""  # that was asked for at the start
+    gaussians: str = ""  # how many are drawn, for reports
     realtime: bool = False
 
 
