@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from render.avatars import textures
+from render.avatars.photos.shape import faces
 from render.avatars.photos.shape.detector import ON_SKIN, OVAL, FaceDetector
 from render.avatars.photos.shape.fit import PhotoView
 from render.types import Doubles
@@ -49,24 +50,22 @@ def seen(
     name: str, picture: NDArray[np.uint8], lens_mm: float | None, detector: FaceDetector
 ) -> Photo:
     """With the one face that it shows."""
-    faces = detector.faces(picture)
-    if len(faces) != 1:
-        found = f"{len(faces)}; cut the others away" if faces else "none; take it from the front"
-        raise InputError(
-            f"{name}: expected one face, looking at most 60 degrees aside, got {found}"
-        )
-    width = float(np.ptp(faces[0][list(OVAL), 0]))
+    found = faces.find(picture, detector)
+    if len(found) != 1:
+        got = f"{len(found)}; cut the others away" if found else "none; take it from the front"
+        raise InputError(f"{name}: expected one face, looking at most 60 degrees aside, got {got}")
+    width = float(np.ptp(found[0][list(OVAL), 0]))
     if width < FACE_PX:
         raise InputError(
             f"{name}: expected a face at least {FACE_PX} pixels wide, got {width:.0f}; take it "
             "from nearer"
         )
-    if is_grey(picture, faces[0]):
+    if is_grey(picture, found[0]):
         raise InputError(
             f"{name}: expected a photograph in colour, for the colours of the skin, got a "
             "black-and-white one; leave it out, or take another"
         )
-    return Photo(name, picture, lens_mm, faces[0])
+    return Photo(name, picture, lens_mm, found[0])
 
 
 def is_grey(picture: NDArray[np.uint8], points: Doubles) -> bool:
