@@ -18,9 +18,9 @@ LIVE = DriveSettings(fewer=True, realtime=True, draw=True, size=64)
     ("settings", "takes_ms", "drawn"),
     [
         (LIVE, {"65k": 10}, "65k"),
-        (LIVE, {"65k": 30, "32k": 15}, "32k"),
+        (LIVE, {"65k": 30, "32k": 10}, "32k"),
         (LIVE, {"65k": 60, "32k": 30}, "16k"),  # however slow that is
-        (replace(LIVE, draw=False, window=True), {"65k": 30, "32k": 15}, "32k"),
+        (replace(LIVE, draw=False, window=True), {"65k": 30, "32k": 10}, "32k"),
         (replace(LIVE, gaussians="32k"), {"32k": 30}, "16k"),
         (replace(LIVE, gaussians="16k"), {}, "16k"),
         (replace(LIVE, fewer=False), {}, "65k"),  # as many as were asked for
