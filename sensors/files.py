@@ -220,9 +220,9 @@ def write_all(file: Any, data: bytes) -> None:
         rest = rest[file.write(rest) :]
 
 
-def write_text(path: Path, text: str, *, private: bool = False) -> None:
+def write_text(path: Path, text: str, *, private: bool = False, durable: bool = True) -> None:
     """UTF-8, lines end in a line feed on every system."""
-    write_bytes(path, text.encode("utf-8"), private=private)
+    write_bytes(path, text.encode("utf-8"), private=private, durable=durable)
 
 
 def _refused(path: Path, mode: int) -> InputError:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from app.compose.build import build, load_driver
 from app.compose.live import open_page, tell
 from app.compose.report import report
-from app.compose.settings import HEAD_MODE, DriveSettings, HeadMode
+from app.compose.settings import CONDITION, HEAD_MODE, DriveSettings, HeadMode
 from app.drive.calibration import of_session
 from app.drive.loop import Drive, Summary, drive
 from app.drive.sink import Sink
@@ -93,8 +93,17 @@ def _opened(session: Path, settings: DriveSettings) -> "tuple[Recording, DriveSe
 
 
 def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSettings:
-    """A head that is to move as recorded does what it did in the run, also where its tracker
-    paused; older sessions, and those of `record`, do not say what that was."""
-    mode = recording.card.get("calibration", {}).get(HEAD_MODE)
-    known = settings.head == "auto" and mode in get_args(HeadMode)
-    return replace(settings, head=mode) if known else settings
+    """What is left open is as in the run: what moves the head, also where its tracker paused, and
+    the upper face, also where its cameras brought no picture. Older sessions, and those of
+    `record`, do not say what that was."""
+    from encoder import inference
+
+    known = recording.card.get("calibration", {})
+    mode, condition = known.get(HEAD_MODE), known.get(CONDITION)
+    if settings.head == "auto" and mode in get_args(HeadMode):
+        settings = replace(settings, head=mode)
+    weights = settings.weights or inference.WEIGHTS
+    can = condition == "gaze" or (condition == "eyes" and inference.eyes_fit(weights))
+    return (
+        replace(settings, condition=condition) if settings.condition == "auto" and can else settings
+    )

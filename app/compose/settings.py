@@ -12,7 +12,7 @@ MAX_SIZE = 4096  # px
 WantedCondition = Literal["auto", "gaze", "eyes"]
 Device = Literal["auto", "cpu", "cuda"]
 HeadMode = Literal["auto", "synth", "track", "still"]
-HEAD_MODE = "head"  # of a live run, beside the calibration of a session
+HEAD_MODE, CONDITION = "head", "condition"  # of a live run, beside the calibration of a session
 XrMode = Literal["auto", "headless"]
 HEAD_MODES = ("auto", "synth", "still")  # words of --head; anything else is a tracker
 Switch = Literal["auto", "on", "off"]
@@ -59,10 +59,6 @@ class NetworkSettings:
             raise InputError(f"--web: expected a port in 0..65535, got {self.web}; try --web 8443")
         if self.sound and self.web is None:
             raise InputError("--speaker web: expected the page of --web, got none; add --web 8443")
-
-    @property
-    def is_used(self) -> bool:
-        return bool(self.send) or self.web is not None
 
 
 @dataclass(frozen=True, kw_only=True)

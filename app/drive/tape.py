@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from app.drive.controls import Controls
+from sensors.session.format import free_beside
 from sensors.types import EmotionPacket, Packet
 
 
@@ -55,7 +56,7 @@ class Tape:
             return
         self.wanted = wanted.recording
         if self.wanted:
-            self._start(self._free_folder())
+            self._start(free_beside(self._stem))
         else:
             self._stop()
 
@@ -79,9 +80,3 @@ class Tape:
     def _finish(self, recorder: PacketRecorder) -> None:
         recorder.close()
         self.problem = recorder.problem or self.problem
-
-    def _free_folder(self) -> Path:
-        number = 1
-        while (folder := self._stem.with_name(f"{self._stem.name}-{number:03d}")).exists():
-            number += 1
-        return folder

@@ -79,7 +79,7 @@ class PortraitView:
     def show(self, avatar: str) -> None:
         if avatar != self._shown:
             self._shown = avatar
-            with suppress(InputError):  # a damaged file: the old one stays, as at window and page
+            with suppress(InputError, OSError):  # the old one stays, as at window and page
                 self._identity = identity.load(avatar)
 
     def close(self) -> None:

@@ -21,6 +21,7 @@ def folder() -> Path:
 
 def ensure(where: Path, hosts: Sequence[str], now_s: float) -> tuple[Path, Path]:
     """Paths of certificate and key, made anew where missing, expired or for other hosts."""
+    hosts = [name for host in hosts if (name := _in_ascii(host))]
     certificate, key = where / NAMES_FILE, where / KEY_FILE
     if not (files.check_regular(key).exists() and _is_good(certificate, hosts, now_s)):
         where.mkdir(parents=True, exist_ok=True)
@@ -66,6 +67,14 @@ def _make(hosts: Sequence[str], now_s: float) -> tuple[bytes, bytes]:
     pem, plain = serialization.Encoding.PEM, serialization.NoEncryption()
     private = key.private_bytes(pem, serialization.PrivateFormat.PKCS8, plain)
     return certificate.public_bytes(pem), private
+
+
+def _in_ascii(host: str) -> str:
+    """As certificates name it; empty where they cannot."""
+    try:
+        return host.encode("idna").decode()
+    except UnicodeError:
+        return ""
 
 
 def _general_name(host: str):  # noqa: ANN202

@@ -11,6 +11,7 @@ import contextlib
 import json
 import struct
 from collections import deque
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -66,12 +67,14 @@ class ServerLink:
 
     def __init__(self, end: Channel) -> None:
         self.status: dict[str, Any] = {}  # what the server last said of itself
+        # page, first sample, arrival in ns, samples [n]
         self.sounds: deque[tuple[int, int, int, NDArray[np.float32]]] = deque(maxlen=MAX_SOUNDS)
         self.poses: deque[tuple[int, bytes]] = deque(maxlen=MAX_POSES)  # arrival ns, message
         self._picks: dict[str, Any] = {}
         self.dropped = 0  # ticks that the server was too slow for
         self.ended = False
         self._end = end
+        self._reading = Lock()  # the loop reads, and who hears the page's microphone
 
     def post(self, driven: DrivenFrame) -> None:
         try:
@@ -98,12 +101,17 @@ class ServerLink:
 
     def picks(self) -> dict[str, Any]:
         """What people at the page have picked since the last call: fields of Controls."""
-        self.read()
-        found, self._picks = self._picks, {}
+        with self._reading:
+            self._read()
+            found, self._picks = self._picks, {}
         return found
 
     def read(self) -> None:
-        """Take in what the server has sent: page, first sample, arrival in ns, samples [n]."""
+        """Take in what the server has sent. From any thread."""
+        with self._reading:
+            self._read()
+
+    def _read(self) -> None:
         for packet in () if self.ended else self._end.waiting():
             if packet[:1] == SOUND:
                 _, page, first, arrival_ns = SOUND_HEAD.unpack_from(packet)

@@ -170,7 +170,7 @@ class WebServer:
             return
         said = json.loads(packet)
         self._picks.emotions = said.get("emotions", self._picks.emotions)
-        with contextlib.suppress(InputError):  # an avatar whose file is gone: the old one stays
+        with contextlib.suppress(InputError, OSError):  # an avatar's file is gone: the old stays
             self._follow(said.get("controls", {}))
         if "target" in said:
             self._targets.post(json.dumps(said["target"]).encode())

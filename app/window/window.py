@@ -142,8 +142,8 @@ class Window:
         try:
             if head.choose(state.avatar):
                 self._marks = EyeMarks(head.decoder, head.identity)
-        except InputError:
-            state.say(f"The file of {state.avatar} is damaged; livedrive doctor tells more")
+        except (InputError, OSError):
+            state.say(f"The file of {state.avatar} cannot be read; livedrive doctor tells more")
         began_ns = time.monotonic_ns()
         shown = state.motion.at(began_ns) or REST
         head.draw(*shown, state.orbit, view)

@@ -20,7 +20,6 @@ from encoder.alive.prosody import Prosody
 from sensors.types import FPS
 
 Angles = tuple[float, float, float]  # rad: pitch down, yaw to the subject's left, roll
-Springs = tuple[float, ...]
 
 SPRING_HZ = (2.6, 1.8, 1.8)  # of a head that is made to nod, turn, tilt
 NOD_FRAMES = 5  # for which an accent pushes the head

@@ -33,7 +33,6 @@ CLASSES: dict[str, tuple[str, ...]] = {
 }
 OPEN_VOWELS, NOT_SHUT = CLASSES["a"], ("t", "d", "k", "n", "s")
 MEASURES = ("opening", "width", "protrusion", "tuck", "teeth")
-COMPARED = MEASURES[:3]  # of which tracked curves tell enough for a threshold
 # Lips' width of real people beyond their mean, mm: landmarks of GRID's main talker. Tracked curves
 # know it badly, so that a mouth may differ from them and still be right.
 PEOPLE_WIDTH_MM = {"s": 4.5, "iy": 3.8, "eh": 3.7, "w": -5.9, "ow": -3.3, "uw": -2.4}

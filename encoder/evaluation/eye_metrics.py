@@ -85,9 +85,3 @@ def compare_blinks(found: NDArray[np.bool_], there: NDArray[np.bool_]) -> Blinks
         left.remove(best)
         latencies.append(best[0] - start)
     return Blinks(len(latencies), missed, len(left), latencies)
-
-
-def rank_correlation(a: Values, b: Values) -> float:
-    """Spearman's r of two series [T]."""
-    first, second = (np.argsort(np.argsort(series)) for series in (a, b))
-    return float(np.corrcoef(first, second)[0, 1])

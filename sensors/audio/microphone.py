@@ -97,8 +97,7 @@ class Microphone:
             self.delay_ns = track.map.delay_ns
             if packet is not None:
                 packets.append(packet)
-                mean = float(np.mean(np.square(packet.samples)))
-                self.level = math.sqrt(LEVEL_DECAY * self.level**2 + (1 - LEVEL_DECAY) * mean)
+                self.level = followed(self.level, packet.samples)
         return packets
 
     def close(self) -> None:
@@ -206,3 +205,9 @@ def _forget_portaudio() -> None:
 
     sounddevice = library()
     atexit.unregister(sounddevice._exit_handler)
+
+
+def followed(level: float, samples: NDArray[np.float32]) -> float:  # [n]
+    """The level after these samples; a driver may give some that are no numbers."""
+    mean = float(np.mean(np.square(np.nan_to_num(samples, posinf=0, neginf=0))))
+    return math.sqrt(LEVEL_DECAY * level**2 + (1 - LEVEL_DECAY) * mean)

@@ -98,11 +98,6 @@ def profile(name: str) -> EyeGeometry:
     return PROFILES[name]
 
 
-def profile_of_usb(identity: str) -> EyeGeometry | None:
-    """The known device with this VENDOR:PRODUCT, if any."""
-    return next((g for g in PROFILES.values() if g.usb == identity.lower()), None)
-
-
 @dataclass(frozen=True, kw_only=True)
 class ProfileViews(Views):
     """A profile as the views of one of its cameras."""

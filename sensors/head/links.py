@@ -54,7 +54,7 @@ class UdpLink:
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, BUFFER)
         try:
             self._socket.bind(self._address)
-        except (OSError, OverflowError) as error:
+        except (OSError, OverflowError, TypeError, UnicodeError) as error:
             self._socket.close()
             raise cannot_listen("--head", host, port, error) from None
         self._thread = threading.Thread(target=self._listen, name="head", daemon=True)

@@ -12,6 +12,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sensors.session.format import free_beside
 from sensors.session.recording import RecordingWriter
 from sensors.types import EmotionPacket, InputError, Packet
 
@@ -80,25 +81,26 @@ class LiveRecorder:
     def _run(self) -> None:
         from av import error as av_error
 
-        failures = (OSError, av_error.FFmpegError, InputError)
+        failures, whole = (OSError, av_error.FFmpegError, InputError), True
+        while (packet := self._queue.get()) is not None:
+            if self.problem:
+                continue
+            try:
+                self._append(packet)
+            except failures as error:
+                whole = False
+                self._stop(getattr(error, "strerror", None) or str(error))
         try:
-            while (packet := self._queue.get()) is not None:
-                if not self.problem:
-                    self._append(packet)
-            self._writer.close()
+            self._writer.close(whole=whole)
         except failures as error:
             self._stop(getattr(error, "strerror", None) or str(error))
-            while self._queue.get() is not None:
-                pass
 
     def _append(self, packet: Packet) -> None:
         if isinstance(packet, EmotionPacket):
             self._emotion = packet
         if not self._writer.has_room(packet):
             self._writer.close()
-            folder, number = self._folder, 1
-            while (folder := self._folder.with_name(f"{self._folder.name}-{number:03d}")).exists():
-                number += 1
+            folder = free_beside(self._folder)
             self._tell(f"{self._writer.folder} is full (4 GiB of sound): going on in {folder}")
             self._writer = RecordingWriter(folder, **self._words)
             if self._emotion:

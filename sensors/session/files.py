@@ -109,7 +109,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "devices": dict(recording.info.devices),
             "seconds": round(recording.duration_ns / NS, 6),
             "frames": recording.num_frames,
-            "partial_samples": (samples + missing) % SAMPLES_PER_FRAME,
+            "partial_samples": recording.assembled_samples % SAMPLES_PER_FRAME,
             "audio_samples": samples,
             "audio_gaps": gaps,
             "audio_lost_samples": missing,

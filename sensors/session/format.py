@@ -45,9 +45,19 @@ def new_card(
     }
 
 
-def write_card(folder: Path, card: Mapping[str, Any]) -> None:
-    """Replace session.json in one step: a kill leaves the old or the new one, never half."""
-    files.write_text(folder / CARD_FILE, json.dumps(card, indent=2) + "\n", private=True)
+def write_card(folder: Path, card: Mapping[str, Any], *, durable: bool = True) -> None:
+    """Replace session.json in one step: a kill leaves the old or the new one, never half. Without
+    `durable` it is not waited for."""
+    text = json.dumps(card, indent=2) + "\n"
+    files.write_text(folder / CARD_FILE, text, private=True, durable=durable)
+
+
+def free_beside(folder: Path) -> Path:
+    """FOLDER-001, or the first number after it that is not taken."""
+    number = 1
+    while (free := folder.with_name(f"{folder.name}-{number:03d}")).exists():
+        number += 1
+    return free
 
 
 def check_apart(folder: Path, out: Path) -> None:

@@ -5,6 +5,7 @@ ReplaySource. `kill -9` while recording loses at most the last 100 ms; the next 
 """
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -71,13 +72,19 @@ class Recording:
 
     @property
     def num_frames(self) -> int:
-        """Frames that an assembler makes of the sound, lost samples included."""
+        """Frames that an assembler makes of the sound."""
+        return self.assembled_samples // SAMPLES_PER_FRAME
+
+    @property
+    def assembled_samples(self) -> int:
+        """Samples that an assembler makes frames of: the sound, and what it fills in for those that
+        were lost."""
         samples, expected = 0, None
         for entry in self.audio.entries:
             missing = 0 if expected is None else max(entry.first_sample - expected, 0)
             samples += min(missing, MAX_FILL) + entry.num_samples
             expected = entry.first_sample + entry.num_samples
-        return samples // SAMPLES_PER_FRAME
+        return samples
 
     def check_frames(self) -> None:
         """Raises InputError unless there is a frame: no older file is emptied for nothing."""
@@ -173,7 +180,7 @@ class RecordingWriter:
         self._start_ns: int | None = None
         self._counts = {"audio": 0}  # of what the timeline vouches for
         self._closed = False
-        fmt.write_card(self.folder, self._card)
+        fmt.write_card(self.folder, self._card, durable=False)  # a tick may wait for it
 
     def has_room(self, packet: Packet) -> bool:
         """False once its sound no longer fits into audio.wav: another session has to go on."""
@@ -205,17 +212,21 @@ class RecordingWriter:
         files.write_all(self._timeline, entry_line(entry))
         count(self._counts, entry)
 
-    def close(self) -> None:
-        """Finish all files and mark the session closed; calling it twice is harmless."""
+    def close(self, *, whole: bool = True) -> None:
+        """Finish all files and mark the session closed, if it is whole: an append that failed has
+        left parts of a packet. Calling it twice is harmless."""
         if self._closed:
             return
         self._closed = True
-        for video in self._eyes.values():
-            video.close()
-        self._wav.close()
-        self._card |= {"counts": self._counts, "closed": True}
-        fmt.write_card(self.folder, self._card)
-        self._timeline.close()
+        with ExitStack() as opened:
+            opened.callback(self._timeline.close)
+            with ExitStack() as media:
+                media.callback(self._wav.close)
+                for video in self._eyes.values():
+                    media.callback(video.close)
+            if whole:
+                self._card |= {"counts": self._counts, "closed": True}
+                fmt.write_card(self.folder, self._card)
 
     def __enter__(self) -> "RecordingWriter":
         return self

@@ -197,7 +197,8 @@ def _entry(fields: dict[str, Any]) -> Entry:
         face = check_face(fields["face"]) if "face" in fields else None
         return HeadEntry(_whole(fields["t_ns"]), pose, bool(fields["valid"]), gaze, face)
     eye = ("eye_left", "eye_right").index(stream)
-    picture = _whole(fields["picture"])
+    if (picture := _whole(fields["picture"])) < 0:
+        raise ValueError("negative picture")
     return EyeEntry(_whole(fields["t_ns"]), eye, _whole(fields["counter"]), picture)
 
 

@@ -26,7 +26,6 @@ from app.call.wire.seal import Keyring, SealError
 from sensors.types import NS
 
 Sound = NDArray[np.float32]
-HELLO_NS = NS
 LEFT = 32  # former partners that the report keeps
 GONE_NS = 5 * NS  # without a hello or a packet
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from app.call.live.link import CallLink
 from app.drive.controls import Controls
 from app.drive.tape import PacketRecorder, Tape
+from sensors.session.format import free_beside
 from sensors.types import Packet
 
 STEM = Path("call")
@@ -46,7 +47,9 @@ class CallTape:
             self._link.change(records=self.wanted)
         allowed = self.wanted and self._link.seats.may_record
         if allowed and self._tape is None:
-            self._tape = Tape(self._free(), self._record_to)
+            taken = self._folder.exists()
+            folder = free_beside(self._folder) if taken else self._folder
+            self._tape = Tape(folder, self._record_to)
         elif not allowed and self._tape is not None:
             self._stop()
 
@@ -64,10 +67,3 @@ class CallTape:
             self._tape.apply(Controls(avatar="", recording=False))  # no tick waits for its end
             self._stopped.append(self._tape)
             self._tape = None
-
-    def _free(self) -> Path:
-        folder, number = self._folder, 1
-        while folder.exists():
-            folder = self._folder.with_name(f"{self._folder.name}-{number:03d}")
-            number += 1
-        return folder

@@ -21,7 +21,6 @@ PULL = 480  # samples that a loudspeaker asks for at a time, at most, for the de
 READ_AHEAD = PULL + PULL // 50 + speed.AFTER + 2  # samples decoded before the first is heard
 FAR = 10 * SAMPLE_RATE // PACKET  # packets this far from the playing position are invalid
 GONE = 50  # packets missing in a row: the partner is not late but away
-SPEECH_RMS = 0.01
 
 
 class VoiceDecoder(Protocol):

@@ -150,17 +150,19 @@ class SeatReader:
         self.seats = seats
         self.faces: dict[str, FaceTrack] = {}
         self._taken: dict[str, int] = {}  # number of the newest tick
+        self._anchors: dict[str, tuple[int, float, float]] = {}  # the newest that was whole
 
     def sitters(self, now_ns: int) -> list[Sitter]:
         """Everybody whose face is known, in the order of their seats."""
         found: list[Sitter] = []
         for row in self.seats.rows:
             identity = row["identity"].decode()
-            anchor_ns, (media, rate) = int(row["anchor_ns"]), row["anchor"]
-            if not identity or not anchor_ns:
+            anchor = self._anchor(identity, row)
+            if not identity or anchor is None:
                 continue
             face = self.faces.setdefault(identity, FaceTrack())
             self._push(identity, row, face)
+            anchor_ns, media, rate = anchor
             media += (now_ns - anchor_ns) / NS * SAMPLE_RATE * rate
             shown = face.pose(media, now_ns)
             row["behind_ms"] = face.behind_ms
@@ -173,6 +175,16 @@ class SeatReader:
                     Sitter(identity, name, avatar, file, shown.tick, shown.presence, level)
                 )
         return found
+
+    def _anchor(self, identity: str, row: Any) -> tuple[int, float, float] | None:
+        """Of the partner's timeline; the one before it while the next is written, which is often:
+        it is written a hundred times a second."""
+        anchor_ns, (media, rate) = int(row["anchor_ns"]), row["anchor"].tolist()
+        if anchor_ns and anchor_ns == int(row["anchor_ns"]):
+            self._anchors[identity] = anchor_ns, media, rate
+        elif not row["posted"]:  # the seat was taken anew
+            self._anchors.pop(identity, None)
+        return self._anchors.get(identity)
 
     def _push(self, identity: str, row: Any, face: FaceTrack) -> None:
         last = self._taken.get(identity, 0)

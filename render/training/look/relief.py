@@ -12,7 +12,6 @@ from render.training.look.places import Places, soft
 from render.types import Floats
 
 PORES_MM = {"fine": 0.75, "coarse": 1.5}  # distance of neighbours
-TEXEL_MM = 0.2
 
 
 @dataclass(frozen=True)

@@ -60,6 +60,19 @@ def test_who_comes_back_is_seen_at_once() -> None:
     assert sitter.tick.index == 500
 
 
+def test_a_partner_stays_while_the_timeline_is_written() -> None:
+    """Red before: once in a thousand looks it was being written, and the partner not drawn."""
+    seats = seated("ann")
+    reader = SeatReader(seats)
+    assert reader.sitters(S)
+    seats.rows[0]["anchor_ns"] = 0
+    (sitter,) = reader.sitters(S)
+    assert abs(sitter.tick.expression[0] - 1) < 1e-3
+    seats.leave("ann")
+    seats.take("ann", "ANN", "ada")
+    assert reader.sitters(S) == []  # of the last time nothing is left
+
+
 def test_the_eighth_finds_no_seat_and_lines_are_cut() -> None:
     seats = seated(*"abcdefgh")
     assert len(SeatReader(seats).sitters(S)) == 7

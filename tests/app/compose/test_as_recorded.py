@@ -1,5 +1,6 @@
 """A replay moves the head as the run did, unless it is told otherwise."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -24,3 +25,24 @@ from app.compose.settings import DriveSettings
 def test_the_head_moves_as_recorded(card: dict[str, Any], asked: Any, used: str) -> None:
     recording: Any = SimpleNamespace(card=card)
     assert as_recorded(DriveSettings(head=asked), recording).head == used
+
+
+@pytest.mark.parametrize(
+    ("recorded", "asked", "used"),
+    [
+        ("eyes", "auto", "eyes"),  # also where no camera brought a picture
+        ("gaze", "auto", "gaze"),
+        ("eyes", "gaze", "gaze"),
+        ("ears", "auto", "auto"),
+        (["eyes"], "auto", "auto"),
+    ],
+)
+def test_the_upper_face_is_driven_as_recorded(recorded: Any, asked: Any, used: str) -> None:
+    """Red before: a run whose cameras brought nothing was replayed by another student."""
+    recording: Any = SimpleNamespace(card={"calibration": {"condition": recorded}})
+    assert as_recorded(DriveSettings(condition=asked), recording).condition == used
+
+
+def test_without_weights_that_see_it_stays_open(tmp_path: Path) -> None:
+    recording: Any = SimpleNamespace(card={"calibration": {"condition": "eyes"}})
+    assert as_recorded(DriveSettings(weights=tmp_path), recording).condition == "auto"

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from app.drive.view import PortraitView
 from encoder.types import DrivenFrame
@@ -12,6 +13,19 @@ from render import cameras
 from render.decoder import identity
 from render.types import AHEAD
 from sensors.rotation import REST
+
+
+def test_an_avatar_that_cannot_be_read_leaves_the_old_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Red before: a file of another user ended the run."""
+    renderer: Any = SimpleNamespace(name="")
+    drawn: Any = SimpleNamespace()
+    view = PortraitView(drawn, identity.load("ben"), renderer, cameras.portrait(8, 8))
+
+    def refuse(name: str) -> None:
+        raise PermissionError(13, "Permission denied", name)
+
+    monkeypatch.setattr(identity, "load", refuse)
+    view.show("mine.safetensors")
 
 
 def test_a_turned_head_that_breathes_is_drawn_before_the_first_tick() -> None:

@@ -12,7 +12,7 @@ from source_contract import check_source
 from waiting import wait_until
 
 from sensors.audio import portaudio
-from sensors.audio.microphone import Microphone
+from sensors.audio.microphone import Microphone, followed
 from sensors.clock import MonotonicClock
 from sensors.live.source import LiveSource
 from sensors.standins.pulse import PulseServer
@@ -220,3 +220,13 @@ def test_no_microphone_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(portaudio, "microphones", list)
     with pytest.raises(InputError, match="--mic nosuch: expected a microphone, got none here"):
         portaudio.find_name("nosuch")
+
+
+def test_a_sample_that_is_no_number_leaves_the_level() -> None:
+    """Red before: from one of them on a recording had none, and on a terminal ended."""
+    sound = np.full(480, 0.1, np.float32)
+    sound[7:10] = np.nan, np.inf, -np.inf
+    level = 0.0
+    for _ in range(1000):
+        level = followed(level, sound)
+    assert 0.09 < level < 0.1

@@ -16,7 +16,6 @@ from sensors.cameras.geometry import (
     normalise_exposure,
     parse,
     profile,
-    profile_of_usb,
     views_of,
 )
 from sensors.cameras.spec import parse as parse_spec
@@ -35,9 +34,6 @@ def views(geometry: EyeGeometry, image: np.ndarray, camera: int = 0) -> dict[int
 def test_the_named_devices_are_there() -> None:
     names = {"bigscreen-beyond-2e", "eyetrackvr", "vive-facial-tracker", "custom"}
     assert set(PROFILES) == names and all(profile(n).name == n for n in names)
-    found = profile_of_usb("35BD:0202")
-    assert found is not None and found.name == "bigscreen-beyond-2e"
-    assert profile_of_usb("dead:beef") is None
 
 
 def test_side_by_side_is_split() -> None:

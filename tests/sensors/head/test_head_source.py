@@ -156,6 +156,14 @@ def test_a_damaged_line_is_said(tmp_path: Path, line: str) -> None:
         Recording(folder)
 
 
+@pytest.mark.parametrize("host", ["ü..x", "a" * 70])
+def test_a_host_that_is_none_is_said(host: str) -> None:
+    """Red before: a traceback."""
+    source = head_source(f"vmc://{host}:39539", ManualClock(), silent)
+    with pytest.raises(InputError, match=r"--head: expected to listen"):
+        source.open()
+
+
 def test_specs(tmp_path: Path) -> None:
     clock = ManualClock()
     session = write(tmp_path / "s", packets(3))

@@ -84,6 +84,23 @@ def test_a_disk_that_hangs_holds_up_no_end(
     goes_on.set()
 
 
+def test_a_session_that_cannot_be_finished_holds_up_no_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: the end waited half a minute for more packets."""
+
+    def fail(self: RecordingWriter, **_: bool) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(RecordingWriter, "close", fail)
+    told = list[str]()
+    tape = recorder(tmp_path / "s", told)
+    closing = threading.Thread(target=tape.close, daemon=True)
+    closing.start()
+    closing.join(5)
+    assert not closing.is_alive() and len(told) == 1 and "No space left" in told[0]
+
+
 def test_recordings_belong_to_their_owner_alone(tmp_path: Path) -> None:
     folder = tmp_path / "s"
     tape = recorder(folder, [])

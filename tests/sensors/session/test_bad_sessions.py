@@ -124,6 +124,7 @@ BAD_SESSIONS = {
     "bad line 3": lambda d: (d / "timeline.jsonl").write_bytes(
         b"".join((d / "timeline.jsonl").read_bytes().splitlines(True)[:2]) + b"{}\n"
     ),
+    "negative picture": lambda d: renumber(d, -1),
     "timeline, got no file": lambda d: (d / "timeline.jsonl").unlink(),
     "sound, got no file": lambda d: (d / "audio.wav").unlink(),
     "is truncated": lambda d: cut(d / "audio.wav", 0.5),
@@ -134,6 +135,16 @@ BAD_SESSIONS = {
     "expected a video": lambda d: text(d / "eye_left.mkv"),
     "400 x 400, got 320 x 240": wrong_size,
 }
+
+
+def renumber(folder: Path, picture: int) -> None:
+    """The picture that the last line of an eye names."""
+    path = folder / "timeline.jsonl"
+    lines = path.read_bytes().splitlines(True)
+    at = max(k for k, line in enumerate(lines) if b"eye_" in line)
+    fields = json.loads(lines[at]) | {"picture": picture}
+    lines[at] = json.dumps(fields).encode() + b"\n"
+    path.write_bytes(b"".join(lines))
 
 
 def shorten(folder: Path, *, lines: slice) -> None:
