@@ -2,6 +2,7 @@
 
 import gc
 import logging
+import shutil
 from datetime import UTC, datetime
 
 from app.call.live import protocol
@@ -31,7 +32,10 @@ def main() -> None:
         service = Service(end, Seats(handles[0]), basis, MonotonicClock(), date_s)
         gc.collect()
         gc.freeze()
-        child.run(service.run(settings))
+        try:
+            child.run(service.run(settings))
+        finally:  # also where the loop, which made it, was killed
+            shutil.rmtree(settings.avatars, ignore_errors=True)
         end.close()
     except ImportError as error:
         _fail(end, f"call: expected its packages, got {error}; run: pip install livedrive[call]")

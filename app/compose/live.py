@@ -68,7 +68,7 @@ def _microphone(name: str | None, clock: Clock, page: "WebSink | None") -> "Live
 
         if page is None:
             raise InputError("--mic web: expected the page of --web, got none; add --web 8443")
-        return WebMicrophone(page.link)
+        return WebMicrophone(page.link, clock)
     from sensors.audio import portaudio
     from sensors.audio.microphone import Microphone
 

@@ -1,6 +1,7 @@
 """A live run: sensors, page, driver and statistics, as `run` and `call` share them."""
 
-from collections.abc import Sequence
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -36,10 +37,11 @@ class LiveRun:
         self.settings, self.clock, self.stats = settings, MonotonicClock(), LiveStats()
         self._seats = seats
         handle = seats.handle if seats else None
-        self._page = open_page(settings, self.clock, handle)
-        self._xr = open_xr(settings, self.clock, handle)
-        self.source = live_source(live, self.clock, self._page, self._xr)
-        self._driver = load_driver(settings, bool(self.source.info.eyes), of_user())
+        self._page, self._xr = open_page(settings, self.clock, handle), None
+        with self._closed_on_failure():
+            self._xr = open_xr(settings, self.clock, handle)
+            self.source = live_source(live, self.clock, self._page, self._xr)
+            self._driver = load_driver(settings, bool(self.source.info.eyes), of_user())
 
     def open_recorder(self, folder: Path) -> "LiveRecorder":
         """Record into a new session, with what its replay needs to be the same."""
@@ -61,18 +63,30 @@ class LiveRun:
         from sensors.audio.portaudio import silence_native_messages
 
         silence_native_messages()
-        return build(
-            self.settings,
-            source=self.source,
-            driver=self._driver,
-            clock=self.clock,
-            sinks=[self.stats, *sinks],
-            tape=tape,
-            page=self._page,
-            xr=self._xr,
-            seats=self._seats,
-            places=places,
-        )
+        with self._closed_on_failure():
+            return build(
+                self.settings,
+                source=self.source,
+                driver=self._driver,
+                clock=self.clock,
+                sinks=[self.stats, *sinks],
+                tape=tape,
+                page=self._page,
+                xr=self._xr,
+                seats=self._seats,
+                places=places,
+            )
+
+    @contextmanager
+    def _closed_on_failure(self) -> Generator[None]:
+        """No process outlives a run that does not begin; what began, `drive` closes."""
+        try:
+            yield
+        except BaseException:
+            for sink in (self._page, self._xr):
+                if sink is not None:
+                    sink.close()
+            raise
 
     def report(self, parts: Drive, summary: Summary) -> dict[str, Any]:
         """What the run, its latency statistics and its sensors counted."""

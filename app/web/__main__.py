@@ -31,8 +31,8 @@ def main() -> None:
     except OSError as error:
         if error.filename:  # of the certificate, its key or the token
             _fail(end, f"web: expected to use {error.filename}, got: {error.strerror}; check it")
-        option = "--web" if info.page else ""
-        _fail(end, str(cannot_listen("web", info.host, info.port, error, option)))
+        what = "--web" if info.page else f"--send ws://{info.host}:{info.port}"
+        _fail(end, str(cannot_listen(what, info.host, info.port, error)))
 
 
 def _fail(end: Channel, problem: str) -> None:

@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from app.web.link import ServerLink
 from sensors.clock_map import ClockMap
-from sensors.types import NS, SAMPLE_RATE, AudioPacket, Packet, SourceInfo
+from sensors.types import NS, SAMPLE_RATE, AudioPacket, Clock, Packet, SourceInfo
 
 WAITING = "no page has its microphone on"
+SILENT_NS = NS  # without a packet: the page is closed, or its microphone off
 
 
 class WebMicrophone:
@@ -22,13 +23,13 @@ class WebMicrophone:
     info = SourceInfo("microphone of the page", devices={"audio": "web"})
     exhausted = False
 
-    def __init__(self, link: ServerLink) -> None:
+    def __init__(self, link: ServerLink, clock: Clock) -> None:
         self.problem = WAITING
         self.losses = 0  # times that sound was lost
         self.reopened: int = 0  # times that another page took over
         self.dropped = 0  # samples known to be lost
-        self._link = link
-        self._is_open = False
+        self._link, self._clock = link, clock
+        self._is_open, self._heard_ns = False, 0
         self._page: int = 0
         self._offset = self._position = 0  # from the page's counter; next sample
         self._map = ClockMap()
@@ -49,6 +50,11 @@ class WebMicrophone:
         packets: list[Packet] = []
         while self._link.sounds:
             packets.append(self._packet(*self._link.sounds.popleft()))
+        now_ns = self._clock.now_ns()
+        if packets:
+            self._heard_ns, self.problem = now_ns, ""
+        elif now_ns - self._heard_ns > SILENT_NS:
+            self.problem = WAITING
         return packets
 
     def close(self) -> None:
@@ -64,7 +70,7 @@ class WebMicrophone:
         is_new = page != self._page
         if is_new:  # how much time has passed since the last page, AudioTimeline finds out
             self.reopened += self._page > 0
-            self._page, self._map, self.problem = page, ClockMap(), ""
+            self._page, self._map = page, ClockMap()
             self._offset = self._position - first
         end_ns = self._map.update((first + len(samples)) * NS // SAMPLE_RATE, arrival_ns)
         self._offset += max(self._map.jump_ns, 0) * SAMPLE_RATE // NS  # the device lost time

@@ -31,7 +31,7 @@ from render.decoder.learned import avatar_files
 from sensors.types import LOOPBACK, InputError
 
 PAGE = Path(__file__).parent / "page"
-SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: two to three ticks
+SEND_BUFFER = 1 << 19  # bytes a connection's socket may hold: most of a tick
 SOUND_DEPTH = 20  # packets of 10 ms that may wait for a page
 JSON_DEPTH = 30  # ticks that may wait for a program; for a page only the newest does
 STATUS_S = 0.5

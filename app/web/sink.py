@@ -1,6 +1,6 @@
 """WebSink: the loop's end of the web server.
 
-Why the server is a process and not a thread: it decodes, packs and sends up to 200 kB for every
+Why the server is a process and not a thread: it decodes, packs and sends up to 800 kB for every
 tick and talks to whoever connects. In a process of its own, at a lower priority, nothing that a
 client does can take Python's lock from the tick. What crosses is a tick of one kilobyte.
 """

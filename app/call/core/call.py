@@ -5,7 +5,6 @@ loop's ticks -> tick --------+-> sealed -> Room ==network==> partner's Room -> P
 loudspeaker <- pull <- VoiceTrack of each Partner      loop <- show <- ticks of each Partner
 """
 
-import secrets
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -26,7 +25,6 @@ from app.call.wire.seal import Keyring, SealError
 from sensors.types import NS
 
 Sound = NDArray[np.float32]
-LEFT = 32  # former partners that the report keeps
 GONE_NS = 5 * NS  # without a hello or a packet
 
 
@@ -52,8 +50,9 @@ class Call:
         now_ns: Callable[[], int],
     ) -> None:
         self.hello = hello
+        self._asks = not hello.accepted  # the person, about everybody who comes
         self.partners: dict[str, Partner] = {}
-        self.left: deque[Partner] = deque(maxlen=LEFT)
+        self.left: deque[Partner] = deque(maxlen=32)  # that the report keeps
         self.room: Room | None = None
         self.parcel: Parcel | None = None  # offered
         self.files: dict[str, bytes] = {}  # avatars that have come, by digest
@@ -197,6 +196,7 @@ class Call:
             )
         partner = self.partners.get(identity)
         if partner is None:
+            self._forget_consent()  # who has vanished and not come back had it
             if len(self.partners) >= MAX_PEOPLE - 1:
                 if not (vanished := [p.identity for p in self.partners.values() if not p.hello]):
                     raise MalformedError(f"{hello.name}: expected {MAX_PEOPLE} people at most")
@@ -234,6 +234,12 @@ class Call:
             self._tell(f"{partner.name} has left")
             partner.close()
             self.left.append(partner)
+            self._forget_consent()
+
+    def _forget_consent(self) -> None:
+        """Where all are gone that it was given for."""
+        if self._asks and (self.partners or self.left) and not self.present():
+            self.hello = replace(self.hello, accepted=False)
 
     def _hellos(self) -> list[Hello]:
         return [hello for _, hello in self.present()]
@@ -242,8 +248,3 @@ class Call:
         if self._told.get(about) != line:
             self._told[about] = line
             self._tell(line)
-
-
-def new_identity() -> str:
-    """32 hex digits, drawn anew for every call."""
-    return secrets.token_hex(16)

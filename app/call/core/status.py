@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from app.call.core.call import Call
 from app.call.core.partner import Partner
 from app.call.wire import agreement
+from app.call.wire.agreement import Hello
 from sensors.types import NS, SAMPLE_RATE
 
 
@@ -39,16 +40,26 @@ def status_lines(call: Call, behind_ms: Mapping[str, float]) -> list[str]:
         own.append("asks to record")
     lines = [", ".join(own)]
     for partner, hello in here:
-        parts = [hello.name]
-        if not hello.accepted:
-            parts.append("has not accepted yet")
-        if hello.muted:
-            parts.append("muted")
-        if hello.records:
-            parts.append("asks to record" if not call.hello.may_record else "records")
+        parts = [hello.name, *_state_of(call, hello)]
         parts += _line(line_of(call, partner, behind_ms.get(partner.identity, 0.0)))
         lines.append(", ".join(parts))
     return lines
+
+
+def told_lines(call: Call) -> list[str]:
+    """What there is to know of the others where no window shows it: who has not accepted, is muted,
+    records."""
+    lines = ["RECORDING, everybody agreed"] if call.may_record() else []
+    for _, hello in call.present():
+        if parts := _state_of(call, hello):
+            lines.append(", ".join([hello.name, *parts]))
+    return lines
+
+
+def _state_of(call: Call, hello: Hello) -> list[str]:
+    records = "asks to record" if not call.hello.may_record else "records"
+    known = ("has not accepted yet", not hello.accepted), ("muted", hello.muted)
+    return [words for words, so in (*known, (records, hello.records)) if so]
 
 
 def line_of(call: Call, partner: Partner, behind_ms: float) -> dict[str, float | None]:

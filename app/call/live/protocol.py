@@ -44,6 +44,9 @@ class CallSettings:
     avatars: str = ""  # folder for those that come
     speaker: str | None = None  # name or part of it, or none
     accept: bool = False  # without asking
+    tells: bool = (
+        False  # says what becomes of the others in lines: there is no window that shows it
+    )
     ice_servers: tuple[str, ...] = ()
 
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import numpy as np
 
-from app.call.core.call import Call, Sight, new_identity
+from app.call.core.call import Call, Sight
 from app.call.core.parcel import Parcel
-from app.call.core.status import report_of, status_lines
+from app.call.core.status import report_of, status_lines, told_lines
 from app.call.live import protocol
 from app.call.live.protocol import CallSettings
 from app.call.live.shelf import Shelf
@@ -26,14 +26,14 @@ from app.call.live.speaker import Speaker
 from app.call.media.connection import bind_only
 from app.call.media.voice import PULL
 from app.call.rooms import janus_server
-from app.call.rooms.addresses import own_address
+from app.call.rooms.addresses import ELSEWHERE, here, own_address
 from app.call.rooms.direct import DirectGuest
 from app.call.rooms.janus import JanusRoom
 from app.call.rooms.janus_server import room_invite
 from app.call.rooms.listen import host_direct
 from app.call.rooms.room import LineSettings
 from app.call.table.seats import Seats
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.invite import Invite, parse
 from app.call.wire.packet import Basis
 from app.call.wire.seal import SECRET_BYTES
@@ -60,8 +60,11 @@ class Service:
     async def run(self, settings: CallSettings) -> None:
         invite = parse(settings.invite) if settings.invite else None
         secret = invite.secret if invite else secrets.token_bytes(SECRET_BYTES)
-        if settings.address:
-            bind_only(settings.address)
+        if own := here(settings.address) if settings.address else "":
+            bind_only(own)
+            settings = replace(settings, listen=own)
+        elif settings.address and not settings.ice_servers:
+            self.tell(ELSEWHERE.format(settings.address))
         hello = Hello(
             identity=new_identity(),
             name=settings.name,
@@ -82,7 +85,7 @@ class Service:
         with self._played_aloud(settings):  # before anybody is let in who would not be heard
             room = await self._open_room(settings, secret, invite, call, ended)
             cpu_s, began_ns = time.process_time(), self._clock.now_ns()
-            telling = asyncio.create_task(self._keep_telling(call))
+            telling = asyncio.create_task(self._keep_telling(call, settings))
             await asyncio.wait([ended, room], return_when=asyncio.FIRST_COMPLETED)
             with self._lock:
                 passed_ns = max(self._clock.now_ns() - began_ns, 1)
@@ -191,13 +194,18 @@ class Service:
             self._post(protocol.PLAYED + words.tobytes())
         return sound
 
-    async def _keep_telling(self, call: Call) -> None:
+    async def _keep_telling(self, call: Call, settings: CallSettings) -> None:
+        before = "nothing is recorded"
         while True:
             with self._lock:
                 call.step()
                 self._seat_partners(call)
                 lines = status_lines(call, self._seats.behind_ms())
                 files = dict(call.files)
+                said = "; ".join(told_lines(call)) or "nothing is recorded"
+            if settings.tells and said != before:
+                self.tell(said)
+            before = said
             if self._shelf is not None:
                 await asyncio.to_thread(self._shelf.keep, files)
             self._seats.lines = lines

@@ -1,10 +1,17 @@
 """Which address of this machine others can reach."""
 
 import socket
+from contextlib import suppress
+from ipaddress import ip_address
 
 import psutil
 
 from sensors.types import LOOPBACK
+
+ELSEWHERE = (
+    "{} is not an address of this machine: the others reach the call there; outside your network "
+    "they see and hear you only with --ice"
+)
 
 
 def own_address() -> str:
@@ -16,3 +23,16 @@ def own_address() -> str:
             ):
                 return entry.address
     return LOOPBACK
+
+
+def here(address: str) -> str:
+    """The IP address of this machine that an address or a name means; empty where it is not of this
+    machine, as that of a router."""
+    with suppress(OSError, UnicodeError):
+        found = socket.getaddrinfo(address.strip("[]"), 0, type=socket.SOCK_DGRAM)
+        for family, kind, *_, place in sorted(found, key=lambda row: row[0] != socket.AF_INET):
+            with suppress(OSError), socket.socket(family, kind) as probe:
+                if not ip_address(place[0]).is_unspecified:
+                    probe.bind((place[0], 0))
+                    return str(place[0])
+    return ""

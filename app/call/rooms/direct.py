@@ -214,6 +214,8 @@ class DirectGuest(DirectRoom):
                     async with session.ws_connect(
                         url + PATH, ssl=pin, max_msg_size=MAX_MESSAGE, heartbeat=HEARTBEAT_S
                     ) as socket:
+                        if told:
+                            self._events.tell("the connection is back")
                         told = ""
                         with contextlib.suppress(SealError):
                             await self._stay(socket, self._partner)

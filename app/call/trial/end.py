@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from app.call.core.call import Call, Sight, new_identity
+from app.call.core.call import Call, Sight
 from app.call.core.status import report_of
 from app.call.media.connection import bind_only
 from app.call.media.face import FaceCounts, FaceTrack
@@ -29,7 +29,7 @@ from app.call.rooms.listen import host_direct
 from app.call.rooms.room import LineSettings
 from app.call.trial.beats import Beats
 from app.call.trial.material import Material, load_material
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.invite import parse
 from app.call.wire.packet import Tick
 from app.call.wire.seal import SECRET_BYTES

@@ -12,7 +12,7 @@ import sys
 import time
 from dataclasses import dataclass
 
-from app.call.core.call import Call, Sight, new_identity
+from app.call.core.call import Call, Sight
 from app.call.core.status import report_of
 from app.call.media.connection import bind_only
 from app.call.media.voice import PULL
@@ -20,7 +20,7 @@ from app.call.rooms.janus import JanusRoom
 from app.call.rooms.room import LineSettings
 from app.call.trial.material import synthetic_material
 from app.call.trial.relay import Leg, LossyLine, open_line
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.invite import parse
 from app.call.wire.packet import Tick
 from sensors.types import NS, SAMPLE_RATE, SAMPLES_PER_FRAME

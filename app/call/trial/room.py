@@ -15,7 +15,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from app.call.core.call import Call, new_identity
+from app.call.core.call import Call
 from app.call.media.connection import bind_only
 from app.call.rooms import janus_server
 from app.call.rooms.janus import JanusRoom
@@ -25,7 +25,7 @@ from app.call.rooms.room import LineSettings
 from app.call.trial.material import synthetic_material
 from app.call.trial.meeting import RoomSettings
 from app.call.trial.person import PersonSettings
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.invite import Invite
 from sensors.types import InputError
 

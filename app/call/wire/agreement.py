@@ -3,6 +3,7 @@ nothing, and what may be sent or recorded follows from the states alone.
 """
 
 import json
+import secrets
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import asdict, dataclass, fields
 from typing import Any, cast
@@ -96,6 +97,11 @@ def _few(value: object) -> list[Any] | None:
         return None
     items = cast(list[Any], value)
     return items if len(items) <= MAX_PEOPLE else None
+
+
+def new_identity() -> str:
+    """32 hex digits, drawn anew for every call."""
+    return secrets.token_hex(16)
 
 
 def is_fresh(mine: Hello, theirs: Hello) -> bool:

@@ -2,7 +2,8 @@
 
 import getpass
 import socket
-from dataclasses import dataclass
+import sys
+from dataclasses import dataclass, replace
 from pathlib import Path
 from shlex import quote
 from typing import TYPE_CHECKING, Annotated
@@ -83,7 +84,7 @@ class CallOptions(LiveDriveOptions):
         from app.drive.loop import drive
         from app.sinks.sensor_notes import SensorNotes
 
-        link = open_call(self.settings_of_call())
+        link = open_call(replace(self.settings_of_call(), tells=not settings.window))
         try:
             run = LiveRun(self.live_settings(), settings, link.seats)
             sound = SoundSettings(echo=self.echo, noise=self.noise)
@@ -164,18 +165,20 @@ class Join(CallOptions):
     """Join a call."""
 
     invite: Positional[str]
-    """The invite that `livedrive call host` printed."""
+    """The invite that `livedrive call host` printed; -: it is read from the terminal, where no
+    other user of this machine sees it in the list of processes."""
 
     def settings_of_call(self) -> "CallSettings":
         from app.call.live.protocol import CallSettings
         from app.call.wire.invite import parse
 
-        parse(self.invite)
+        invite = sys.stdin.readline().strip() if self.invite == "-" else self.invite
+        parse(invite)
         return CallSettings(
             name=self.name_of_own(),
             avatar=Path(self.avatar).stem,  # no path of this machine leaves it
             avatar_file=self.file_of_avatar(),
-            invite=self.invite,
+            invite=invite,
             speaker=self.speaker,
             accept=self.accept,
             ice_servers=self.ice,

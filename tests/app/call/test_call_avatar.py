@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from app.call.core import parcel
-from app.call.core.call import Call, new_identity
+from app.call.core.call import Call
 from app.call.core.parcel import HEAD, PART, Parcel, Receipt
 from app.call.live.shelf import Shelf
 from app.call.rooms.room import AVATAR
 from app.call.table.company import Company
 from app.call.table.seats import Seats
 from app.call.trial.material import synthetic_material
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.packet import MalformedError
 from render.decoder import identity
 from render.decoder.decoder import Decoder

@@ -13,7 +13,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from app.call.core.call import Call, new_identity
+from app.call.core.call import Call
 from app.call.live import protocol
 from app.call.live.echo import BLOCK, EchoCanceller
 from app.call.live.gate import Gate
@@ -24,7 +24,7 @@ from app.call.live.tape import CallTape
 from app.call.rooms.room import BYE, HELLO, Events, LineSettings
 from app.call.table.seats import Seats
 from app.call.trial.material import synthetic_material
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.invite import Invite
 from app.call.wire.packet import Tick
 from app.commands.meet.keys import keys, obey

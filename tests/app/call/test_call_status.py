@@ -8,8 +8,9 @@ import pytest
 
 from app.call.core.call import GONE_NS, Call
 from app.call.core.partner import Partner, PartnerCounts
-from app.call.core.status import report_of
+from app.call.core.status import report_of, told_lines
 from app.call.media.face import FaceTrack, end_of
+from app.call.rooms.addresses import here
 from app.call.rooms.room import BYE, HELLO
 from app.call.table.seats import SeatReader, Seats
 from app.call.trial.material import synthetic_material
@@ -168,3 +169,52 @@ def test_another_version_is_told_in_words() -> None:
         meeting.comes(2, basis=1)
     assert len(meeting.told) == 2 and meeting.told[0].startswith("hello: expected version 1, got 2")
     assert meeting.told[1].startswith("Ben 2: expected face basis")
+
+
+def test_consent_is_given_to_who_is_here() -> None:
+    """Red before: who came after the first had left was heard and heard without a question."""
+    meeting = Meeting()
+    meeting.comes(1)
+    meeting.call.change(accepted=True)
+    meeting.comes(1, met=(ANN,))  # a second hello of the same, who is no other
+    meeting.now_ns = 2 * GONE_NS
+    meeting.call.step()
+    meeting.comes(1)  # after a loss: the same
+    assert meeting.call.hello.accepted
+    meeting.comes(2)  # beside somebody
+    assert meeting.call.hello.accepted
+    for number in (1, 2):
+        meeting.call.events().message(f"{number:032x}", BYE)
+    meeting.comes(3)
+    assert not meeting.call.hello.accepted
+    assert meeting.told[-1] == "Ben 3 is here: y and Enter accept"
+
+
+def test_a_terminal_says_what_a_window_shows() -> None:
+    """Red before: in a call without a window nobody knew that it was being recorded."""
+    meeting = Meeting()
+    assert told_lines(meeting.call) == []
+    meeting.comes(1)
+    assert told_lines(meeting.call) == ["Ben 1, has not accepted yet"]
+    meeting.comes(1, accepted=True, muted=True, records=True)
+    assert told_lines(meeting.call) == ["Ben 1, muted, asks to record"]
+    meeting.call.change(records=True, may_record=True)
+    meeting.comes(1, accepted=True, records=True, may_record=True)
+    assert told_lines(meeting.call) == ["RECORDING, everybody agreed", "Ben 1, records"]
+
+
+@pytest.mark.parametrize(
+    ("address", "found"),
+    [
+        ("127.0.0.1", "127.0.0.1"),
+        ("localhost", "127.0.0.1"),
+        ("203.0.113.7", ""),  # of a router
+        ("0.0.0.0", ""),
+        ("no.such.host.invalid", ""),
+        ("..", ""),
+    ],
+)
+def test_which_address_of_this_machine_is_meant(address: str, found: str) -> None:
+    """Red before: with a router's address a call had neither voice nor face, and with one of this
+    machine its port was open on all others."""
+    assert here(address) == found

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import soundfile
 
-from app.call.core.call import Call, new_identity
+from app.call.core.call import Call
 from app.call.core.outgoing import Outgoing
 from app.call.media import speed
 from app.call.media.opus import LOOK_AHEAD, PACKET, OpusDecoder, OpusEncoder
@@ -14,7 +14,7 @@ from app.call.media.timeline import Timeline
 from app.call.media.voice import PULL, VoiceTrack
 from app.call.trial.material import synthetic_material
 from app.call.trial.track import WINDOW, matches
-from app.call.wire.agreement import Hello
+from app.call.wire.agreement import Hello, new_identity
 from app.call.wire.packet import Packer, Tick
 
 MATERIAL = synthetic_material(4, 1)

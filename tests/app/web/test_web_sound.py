@@ -10,6 +10,7 @@ from web_client import Talker, play, serving, socket_to, wait_until
 
 from app.web.microphone import WebMicrophone
 from render.decoder.decoder import Decoder
+from sensors.clock import MonotonicClock
 from sensors.types import NS, SAMPLE_RATE, AudioPacket
 
 pytestmark = pytest.mark.slow
@@ -20,7 +21,7 @@ def chunk(first: int, samples: np.ndarray) -> bytes:
 
 
 def test_sound_of_the_page_arrives_whole_and_its_losses_are_counted(talker: Talker) -> None:
-    microphone = WebMicrophone(talker.link)
+    microphone = WebMicrophone(talker.link, MonotonicClock())
     with pytest.raises(RuntimeError):
         microphone.poll()
     microphone.open()
@@ -63,7 +64,7 @@ def test_sound_of_the_page_arrives_whole_and_its_losses_are_counted(talker: Talk
 
 
 def test_a_second_page_goes_on_counting(talker: Talker) -> None:
-    microphone = WebMicrophone(talker.link)
+    microphone = WebMicrophone(talker.link, MonotonicClock())
     microphone.open()
     packets: list[AudioPacket] = []
 

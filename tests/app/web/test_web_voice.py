@@ -112,7 +112,7 @@ def chunks(talker: Talker) -> int:
 def listen(page: Any, talker: Talker, pulse: PulseServer, wav: np.ndarray) -> list[SensorFrame]:
     """What a loop that begins now gets while `wav` is played before the page's microphone."""
     frames, assembler = list[SensorFrame](), Assembler()
-    source = LiveSource(WebMicrophone(talker.link), [], MonotonicClock())
+    source = LiveSource(WebMicrophone(talker.link, MonotonicClock()), [], MonotonicClock())
     source.open()
 
     def has(count: int) -> bool:
