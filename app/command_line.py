@@ -90,6 +90,9 @@ def _parsed(words: list[str]) -> Command:
     command line come later."""
     from app.terminal import profile, refusals
 
+    if "" in words[1:]:  # a script's empty variable; as a path it is the current folder
+        option = words[words.index("", 1) - 1]
+        raise InputError(f"{option}: expected a value, got an empty word; leave {option} away")
     kept = list[str]()
     if words[0] == "run" and not {"-h", "--help"} & set(words):
         kept = profile.words(profile.path())

@@ -191,4 +191,9 @@ class Avatar:
     ]
 
     def run(self) -> None:
+        if not isinstance(self.command, ListAvatars):
+            from app.compose.live import tell
+            from app.terminal import compiling
+
+            compiling.announce(tell)
         self.command.run()

@@ -46,6 +46,8 @@ def load_driver(
 
     weights = settings.weights or inference.WEIGHTS
     condition = inference.choose_condition(settings.condition, has_eyes, weights)
+    if condition == "eyes" and not has_eyes:
+        tell("the upper face follows eye cameras, and there are none: it moves as if unseen")
     driver = inference.load_driver(
         weights, device=settings.device, condition=condition, calibration=calibration
     )

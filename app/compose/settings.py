@@ -39,7 +39,7 @@ class FileSettings:
     def written(self) -> list[Path]:
         """The paths that were asked for."""
         paths = (self.video, self.pictures, self.motion, self.arkit, self.ply, self.gltf)
-        return [path for path in paths if path]
+        return list(dict.fromkeys(path for path in paths if path))  # PLY and glTF may share one
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -37,7 +37,7 @@ class AudioStream:
             self.close()
             raise InputError(
                 f"{path} is truncated: expected {expected} samples, got {self.num_samples}; "
-                "restore the file, or keep what is left with: livedrive session create"
+                "copy it again from where it was recorded"
             )
 
     def packet(self, entry: AudioEntry) -> AudioPacket:

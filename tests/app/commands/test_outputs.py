@@ -187,6 +187,13 @@ def test_nothing_is_measured_on_no_frames(
     assert "1 s or more" in told(f"eval head --session {tmp_path}/b".split(), capsys)
 
 
+def test_an_empty_variable_names_no_folder(capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: pictures were written into the current folder."""
+    assert "--pictures: expected a value, got an empty" in told(
+        ["replay", "s", "--pictures", ""], capsys
+    )
+
+
 def test_a_bench_takes_a_time(capsys: pytest.CaptureFixture[str]) -> None:
     assert "expected more than 0" in told(["bench", "web", "--minutes", "nan"], capsys)
 

@@ -28,3 +28,11 @@ def test_networks_of_a_folder_drive(tmp_path: Path) -> None:
 def test_a_folder_without_networks_is_told(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=str(tmp_path)):
         load_driver(DriveSettings(weights=tmp_path, device="cpu"), has_eyes=False)
+
+
+def test_eyes_without_cameras_are_told(capsys: pytest.CaptureFixture[str]) -> None:
+    """Red before: not a word."""
+    load_driver(DriveSettings(condition="eyes", device="cpu"), has_eyes=False)
+    assert "there are none" in capsys.readouterr().err
+    load_driver(DriveSettings(device="cpu"), has_eyes=False)
+    assert not capsys.readouterr().err

@@ -191,6 +191,9 @@ def test_the_detector_finds_a_drawn_head(maker: Maker, egl_context: object) -> N
     large[corner[1] :, corner[0] :][:512, :512] = pixels
     (found,), (small,) = (faces.find(shown, finder) for shown in (pixels, large))
     assert faces.find(np.zeros_like(pixels), finder) == []
+    for shown in (pixels, pixels[::-1, ::-1]):  # red before: a head with its brows below the eyes
+        upright, (seen,) = faces.upright(np.ascontiguousarray(shown), finder)
+        assert np.array_equal(upright, pixels) and np.abs(seen - found).max() < 0.1
     finder.close()
     at = places.load().of(who.geometry.astype(np.float64))
     view = at @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]

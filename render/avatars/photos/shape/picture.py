@@ -50,7 +50,7 @@ def seen(
     name: str, picture: NDArray[np.uint8], lens_mm: float | None, detector: FaceDetector
 ) -> Photo:
     """With the one face that it shows."""
-    found = faces.find(picture, detector)
+    picture, found = faces.upright(picture, detector)
     if len(found) != 1:
         got = f"{len(found)}; cut the others away" if found else "none; take it from the front"
         raise InputError(f"{name}: expected one face, looking at most 60 degrees aside, got {got}")
