@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
-from tyro.conf import OmitArgPrefixes, Positional, subcommand
+from tyro.conf import Positional, arg, subcommand
 
 from app.eval.emotion.settings import EmotionSettings
 from app.eval.eyes.evaluate import EyesSettings
@@ -19,6 +19,7 @@ from app.terminal.arguments import File, Seed
 from sensors.types import InputError
 
 WRITTEN = {"report": outputs.REPORTS, "picture": outputs.PICTURES, "plot": outputs.PLOTS}
+FLAT = arg(name="")  # options of a settings value stand beside the others
 # option of eval speech: those that do nothing without it
 SPEECH_PARTNERS = {"leave_one_out": ("mocap", "strips"), "peers": ("films",)}
 
@@ -29,7 +30,7 @@ class EvalSpeech:
 
     data: Positional[Path]
     """Data by `livedrive capture`; teacher and ablations are read from it, too."""
-    settings: OmitArgPrefixes[SpeechSettings] = field(default_factory=SpeechSettings)
+    settings: Annotated[SpeechSettings, FLAT] = field(default_factory=SpeechSettings)
 
     def run(self) -> None:
         self._check()
@@ -60,7 +61,7 @@ class EvalSpeech:
 class EvalEyes:
     """Evaluate gaze, lids, blinks, lost cameras and the upper face."""
 
-    settings: OmitArgPrefixes[EyesSettings] = field(default_factory=EyesSettings)
+    settings: Annotated[EyesSettings, FLAT] = field(default_factory=EyesSettings)
 
     def run(self) -> None:
         from app.eval.eyes.evaluate import evaluate
@@ -72,7 +73,7 @@ class EvalEyes:
 class EvalHead:
     """Measure how lively the head is: motion, brows, blinks and breath over a session."""
 
-    settings: OmitArgPrefixes[HeadSettings] = field(default_factory=HeadSettings)
+    settings: Annotated[HeadSettings, FLAT] = field(default_factory=HeadSettings)
 
     def run(self) -> None:
         from app.eval.head import evaluate
@@ -86,7 +87,7 @@ class EvalEmotion:
 
     data: Positional[Path]
     """Data by `livedrive capture`; ablations are read from it, too."""
-    settings: OmitArgPrefixes[EmotionSettings] = field(default_factory=EmotionSettings)
+    settings: Annotated[EmotionSettings, FLAT] = field(default_factory=EmotionSettings)
 
     def run(self) -> None:
         from app.eval.emotion.evaluate import evaluate
@@ -129,7 +130,7 @@ class EvalAb:
 class EvalPrior:
     """Evaluate decoder and identity encoder on held-out people, expressions and views."""
 
-    settings: OmitArgPrefixes[PriorSettings] = field(default_factory=PriorSettings)
+    settings: Annotated[PriorSettings, FLAT] = field(default_factory=PriorSettings)
 
     def run(self) -> None:
         from app.eval.prior import evaluate
@@ -141,7 +142,7 @@ class EvalPrior:
 class EvalPhotos:
     """Evaluate avatars from photographs of held-out people."""
 
-    settings: OmitArgPrefixes[PhotosSettings] = field(default_factory=PhotosSettings)
+    settings: Annotated[PhotosSettings, FLAT] = field(default_factory=PhotosSettings)
 
     def run(self) -> None:
         from app.eval.photos import evaluate
@@ -153,7 +154,7 @@ class EvalPhotos:
 class EvalRest:
     """Measure how far lips open in sounds that are no voice."""
 
-    settings: OmitArgPrefixes[RestSettings] = field(default_factory=RestSettings)
+    settings: Annotated[RestSettings, FLAT] = field(default_factory=RestSettings)
 
     def run(self) -> None:
         from app.eval.speech.rest import evaluate

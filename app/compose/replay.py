@@ -104,6 +104,6 @@ def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSetting
         settings = replace(settings, head=mode)
     weights = settings.weights or inference.WEIGHTS
     can = condition == "gaze" or (condition == "eyes" and inference.eyes_fit(weights))
-    return (
-        replace(settings, condition=condition) if settings.condition == "auto" and can else settings
-    )
+    if settings.condition == "auto" and can:
+        settings = replace(settings, condition=condition)
+    return settings

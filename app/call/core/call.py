@@ -237,7 +237,7 @@ class Call:
             self._forget_consent()
 
     def _forget_consent(self) -> None:
-        """Where all are gone that it was given for."""
+        """Where all are gone that it was given for; given before anybody came, it stays."""
         if self._asks and (self.partners or self.left) and not self.present():
             self.hello = replace(self.hello, accepted=False)
 

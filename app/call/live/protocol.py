@@ -44,9 +44,7 @@ class CallSettings:
     avatars: str = ""  # folder for those that come
     speaker: str | None = None  # name or part of it, or none
     accept: bool = False  # without asking
-    tells: bool = (
-        False  # says what becomes of the others in lines: there is no window that shows it
-    )
+    tells: bool = False  # lines of who is muted or records, which no window shows
     ice_servers: tuple[str, ...] = ()
 
 
