@@ -23,6 +23,7 @@ from render.types import Doubles, Floats
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
 SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
 UNDER_MM = (5.0, 1.5)  # from a beard's strands to skin: from not at all to fully under it
+LIFT_MM = 1.0  # by which pieces of a shirt stand farther out: else a seam drowns in other necks
 COLLAR_MM = 7.0  # above the neckline: up to there are pieces of a shirt, from there on strands
 
 
@@ -40,6 +41,7 @@ def dressed(maker: Maker, who: Identity, lender: Identity) -> Identity:
     share = np.maximum(cloth, roots(maker, lender)) if len(lender.hair) else cloth
     albedo = who.albedo + share[:, None] * (lender.albedo - who.albedo)
     shirt = lender.beard.take(above_neckline(maker, lender.beard) < COLLAR_MM)
+    shirt = replace(shirt, offsets=shirt.offsets + np.array([0, 0, LIFT_MM], np.float32))
     return replace(
         who,
         albedo=albedo.astype(np.float32),

@@ -22,6 +22,9 @@ def test_the_shirt_has_a_collar_on_an_even_line(maker: Maker) -> None:
     added = worn.beard.take(np.arange(len(worn.beard)) >= len(ben.beard))
     heights = dress.above_neckline(maker, added)
     assert heights.max() < dress.COLLAR_MM and (np.abs(heights) < 6).sum() > 800
+    lent = ada.beard.take(dress.above_neckline(maker, ada.beard) < dress.COLLAR_MM)
+    lifted = added.offsets - lent.offsets  # red before: on other necks the seam was dashes
+    np.testing.assert_allclose(lifted, np.tile([0, 0, dress.LIFT_MM], (len(lent), 1)), atol=1e-5)
     head = maker.surface
     points = head.interpolate @ maker.template[head.used]
     low = (points[:, 1] < -140) & (maker.anchor_kinds == mesh_parts.SKIN)
