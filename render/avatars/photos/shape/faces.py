@@ -14,7 +14,9 @@ from render.types import Doubles
 # Heights over widths of faces: 1.04 to 1.5, the more the farther aside they look; of the same
 # upside down .95 to 1.7. Of 72 none below the first was taller upside down by half the second.
 LOW, TALLER = 1.2, 0.07
-AROUND = 2.5  # times a face's size: the cut-out that its points are read in
+# Faces of less than such a share of a picture are looked at once more, in a cut-out of so many
+# times their size.
+SMALL, AROUND = 0.25, 2.5
 Box = tuple[int, int, int, int]  # left, top, width, height; px
 
 
@@ -60,14 +62,14 @@ def _within(picture: NDArray[np.uint8], box: Box, detector: FaceDetector) -> lis
 
 
 def _from_near(picture: NDArray[np.uint8], face: Doubles, detector: FaceDetector) -> Doubles:
-    """The same face in a cut-out around it, where that is not the whole picture."""
+    """The same face in a cut-out around it, where it is small."""
     (x, y), size = _place(face)
     height, width = picture.shape[:2]
+    if size > SMALL * max(height, width):
+        return face
     reach = AROUND / 2 * size
     left, top = int(max(x - reach, 0)), int(max(y - reach, 0))
     box = left, top, int(min(x + reach, width)) - left, int(min(y + reach, height)) - top
-    if box == (0, 0, width, height):
-        return face
     again = [near for near in _within(picture, box, detector) if not _is_new(near, [face])]
     return again[0] if again else face
 
