@@ -81,19 +81,19 @@ class LiveRecorder:
     def _run(self) -> None:
         from av import error as av_error
 
-        failures, whole = (OSError, av_error.FFmpegError, InputError), True
-        while (packet := self._queue.get()) is not None:
-            if self.problem:
-                continue
+        def succeeds(act: Callable[..., None], *given: Any, **words: Any) -> bool:
             try:
-                self._append(packet)
-            except failures as error:
-                whole = False
+                act(*given, **words)
+            except (OSError, av_error.FFmpegError, InputError) as error:
                 self._stop(getattr(error, "strerror", None) or str(error))
-        try:
-            self._writer.close(whole=whole)
-        except failures as error:
-            self._stop(getattr(error, "strerror", None) or str(error))
+                return False
+            return True
+
+        whole = True
+        for packet in iter(self._queue.get, None):
+            if not self.problem:
+                whole = succeeds(self._append, packet)
+        succeeds(self._writer.close, whole=whole)
 
     def _append(self, packet: Packet) -> None:
         if isinstance(packet, EmotionPacket):

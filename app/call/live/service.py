@@ -195,16 +195,16 @@ class Service:
         return sound
 
     async def _keep_telling(self, call: Call, settings: CallSettings) -> None:
-        before = "nothing is recorded"
+        before = ""
         while True:
             with self._lock:
                 call.step()
                 self._seat_partners(call)
                 lines = status_lines(call, self._seats.behind_ms())
                 files = dict(call.files)
-                said = "; ".join(told_lines(call)) or "nothing is recorded"
+                said = "; ".join(told_lines(call))
             if settings.tells and said != before:
-                self.tell(said)
+                self.tell(said or "nothing is recorded")
             before = said
             if self._shelf is not None:
                 await asyncio.to_thread(self._shelf.keep, files)
