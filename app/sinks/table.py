@@ -13,7 +13,7 @@ from sensors.types import Clock, InputError
 
 if TYPE_CHECKING:
     from app.sinks.protocols.face import Encoder
-    from app.sinks.protocols.send import SendSink
+    from app.sinks.protocols.send import Renewed, SendSink
     from app.web.sink import WebSink
     from render.decoder.decoder import Decoder
 
@@ -56,12 +56,15 @@ class Outlet:
         self._reader = FaceReader(decoder, gains)
         self._sender: SendSink | None = None
 
-    def datagrams(self, address: Address, encode: "Encoder") -> "SendSink":
+    def datagrams(
+        self, address: Address, encode: "Encoder", renewed: "Renewed | None" = None
+    ) -> "SendSink":
         """Send every tick to the address over UDP."""
         from app.sinks.protocols.send import Receiver, SendSink
 
         self._sender = self._sender or SendSink(self._reader)
-        self._sender.receivers.append(Receiver(address.url, address.host, address.port, encode))
+        receiver = Receiver(address.url, address.host, address.port, encode, renewed)
+        self._sender.receivers.append(receiver)
         return self._sender
 
 
@@ -73,17 +76,25 @@ def _vmc(address: Address, outlet: Outlet) -> "SendSink":
 
 def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
     """The path is the prefix of the parameters; the host `auto` is looked for, and asked which of
-    them its avatar has as bits."""
+    them its avatar has as bits, then again as avatars may change."""
     from app.sinks.protocols import oscquery
     from app.sinks.protocols.vrchat import PREFIX, VRChatEncoder
 
-    bits = None
-    if address.host == "auto":
-        found = oscquery.find()
-        path = address.path or found.prefix or ""
-        bits = found.bits if path == found.prefix else None
-        address = replace(address, host=found.host, port=found.port, path=path)
-    return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX, bits))
+    if address.host != "auto":
+        return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX))
+    there = oscquery.find()
+
+    def encoder() -> VRChatEncoder:
+        path = address.path or there.prefix or PREFIX
+        return VRChatEncoder(path, there.bits if path == there.prefix else None)
+
+    def renewed() -> VRChatEncoder | None:
+        nonlocal there
+        before, there = there, oscquery.again(there)
+        return None if there == before else encoder()
+
+    found = replace(address, host=there.host, port=there.port)
+    return outlet.datagrams(found, encoder(), renewed)
 
 
 def _livelink(address: Address, outlet: Outlet) -> "SendSink":

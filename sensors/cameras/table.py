@@ -12,11 +12,9 @@ from typing import Any
 
 from sensors.cameras.camera import Connect
 from sensors.cameras.views import Views
-from sensors.session.eye_video import open_video
+from sensors.session.eye_video import SIDE_BY_SIDE, open_video
 from sensors.session.recording import Recording
 from sensors.types import FPS, Clock, InputError
-
-SIDE_BY_SIDE = 1.4  # a video of both eyes is at least so many times as wide as high
 
 
 @dataclass(frozen=True)

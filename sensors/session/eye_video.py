@@ -25,6 +25,7 @@ from sensors.session.opening import check_there, opened
 from sensors.types import EYE_SIZE, FPS, InputError
 
 MAX_SIDE = 4096  # px of a picture that is read
+SIDE_BY_SIDE = 1.4  # a video of both eyes is at least so many times as wide as high
 EYE_CODECS = ("ffv1", "x264")
 MILLISECOND = Fraction(1, 1000)
 CONTAINER_OPTIONS = {"cluster_time_limit": "1", "flush_packets": "1"}  # a picture a cluster

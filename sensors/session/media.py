@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sensors.picture import gray
 from sensors.session.av_sound import AvSound
-from sensors.session.eye_video import open_video
+from sensors.session.eye_video import SIDE_BY_SIDE, open_video
 from sensors.session.opening import check_there
 from sensors.types import EYE_SIZE, FPS, NS, SAMPLE_RATE, InputError
 
@@ -27,7 +27,6 @@ SILENT_RMS = 1e-5  # less than half a step of 16 bits
 DEAD_SHARE = 1e-4  # of the loudest channel's power: no microphone was there, only its input
 CANCELLED_SHARE = 0.05  # of the channels' power that their mean keeps; unlike ones keep half
 MIN_PICTURE = 32
-SIDE_BY_SIDE = 1.4  # times as wide as high, at least
 TIME_ROUNDING_NS = 1_500_000  # Matroska keeps milliseconds
 
 

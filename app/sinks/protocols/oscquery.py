@@ -8,6 +8,7 @@ answered, and where several have, the user must choose.
 """
 
 import asyncio
+import contextlib
 import re
 import sys
 from collections.abc import Iterator, Sequence
@@ -36,10 +37,29 @@ class VRChat:
     port: int
     prefix: str | None
     bits: dict[str, Bits] = field(default_factory=dict[str, Bits])  # below the prefix, by name
+    asked: Announced | None = field(default=None, compare=False, repr=False)  # what told this
 
 
 def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
-    """The one VRChat here. Raises InputError where there is none, or several."""
+    """The one VRChat here, told to the user. Raises InputError where there is none, or several."""
+    where = _find(seconds, interfaces)
+    face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
+    bits = f", {len(where.bits)} of them as bits" if where.bits else ""
+    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}{bits}", file=sys.stderr)
+    return where
+
+
+def again(there: VRChat) -> VRChat:
+    """What VRChat takes now, as its user may have changed the avatar, or started it anew; `there`
+    where it does not answer, or gets OSC elsewhere."""
+    now = asyncio.run(_ask(there.asked)) if there.asked else None
+    if now is None:
+        with contextlib.suppress(InputError):
+            now = _find()
+    return now if now and (now.host, now.port) == (there.host, there.port) else there
+
+
+def _find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
     asked = list(announced(SERVICE, "--send vrchat://auto", seconds, interfaces))
     clients = [service for service in asked if service.name.startswith(CLIENT)]
     found = [v for service in clients if (v := asyncio.run(_ask(service))) is not None]
@@ -49,11 +69,7 @@ def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRCha
             f"--send vrchat://auto: expected one VRChat with OSC on, got {got}; switch OSC on in "
             "its menu, or name one: --send vrchat://HOST:9000"
         )
-    where = found[0]
-    face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
-    bits = f", {len(where.bits)} of them as bits" if where.bits else ""
-    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}{bits}", file=sys.stderr)
-    return where
+    return found[0]
 
 
 async def _ask(service: Announced) -> VRChat | None:
@@ -62,7 +78,7 @@ async def _ask(service: Announced) -> VRChat | None:
     port = cast(dict[str, object], info).get("OSC_PORT") if isinstance(info, dict) else None
     if not isinstance(port, int) or isinstance(port, bool) or not 0 < port < 1 << 16:
         return None
-    return VRChat(service.host, port, *face_in(await _get(service, PARAMETERS)))
+    return VRChat(service.host, port, *face_in(await _get(service, PARAMETERS)), service)
 
 
 async def _get(service: Announced, path: str) -> Any:

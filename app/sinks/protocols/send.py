@@ -11,6 +11,7 @@ import queue
 import socket
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -24,14 +25,18 @@ QUEUE = 30  # ticks; when the thread falls behind, the oldest is dropped
 COSTS = 30 * 60 * 10  # the last ten minutes of ticks: what they cost is remembered
 SURE = 3  # ticks without a refusal after which a receiver counts as met again
 JOIN_S = 2.0
+RENEW_S = 5.0  # between two questions what a receiver takes
+Renewed = Callable[[], Encoder | None]  # asks the receiver, which may take seconds; None: as before
 
 
 class Receiver:
     """One receiver. UDP asks nobody; that no one listens is heard only from this machine."""
 
-    def __init__(self, url: str, host: str, port: int, encode: Encoder) -> None:
+    def __init__(
+        self, url: str, host: str, port: int, encode: Encoder, renewed: Renewed | None = None
+    ) -> None:
         """Raises InputError at a host that cannot be found, or not be sent to."""
-        self.url, self.encode = url, encode
+        self.url, self.encode, self.renewed = url, encode, renewed
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(
                 host, port, type=socket.SOCK_DGRAM
@@ -94,9 +99,12 @@ class SendSink:
         self._queue: queue.Queue[DrivenFrame | None] = queue.Queue(QUEUE)
         self.dropped = 0  # ticks that the queue had no room for
         self._thread = threading.Thread(target=self._run, name="send", daemon=True)
+        self._closing = threading.Event()
 
     def on_start(self, info: RunInfo) -> None:
         self._thread.start()
+        if any(receiver.renewed for receiver in self.receivers):
+            threading.Thread(target=self._renew, name="send: renew", daemon=True).start()
 
     def on_frame(self, result: FrameResult) -> None:
         while True:
@@ -110,6 +118,7 @@ class SendSink:
                 return
 
     def close(self) -> None:
+        self._closing.set()
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join(JOIN_S)
@@ -125,3 +134,9 @@ class SendSink:
             face = self._reader(driven)
             for receiver in self.receivers:
                 receiver.send(face)
+
+    def _renew(self) -> None:
+        while not self._closing.wait(RENEW_S):
+            for receiver in self.receivers:
+                if receiver.renewed and (encode := receiver.renewed()):
+                    receiver.encode = encode

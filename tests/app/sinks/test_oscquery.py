@@ -12,11 +12,12 @@ from http.server import BaseHTTPRequestHandler, HTTPServer
 
 import pytest
 from pythonosc.osc_packet import OscPacket
+from waiting import wait_until
 from zeroconf import IPVersion, ServiceInfo, Zeroconf
 
 from app.drive.sink import FrameResult
 from app.sinks import table
-from app.sinks.protocols import oscquery
+from app.sinks.protocols import oscquery, send
 from app.sinks.protocols.bits import Bits
 from app.sinks.protocols.face import FaceReader
 from app.sinks.protocols.oscquery import CLIENT, VRChat, find
@@ -51,10 +52,15 @@ FACE = json.dumps(tree("Speed", "FT/v2/JawOpen", "FT/v2/EyeLeftX")).encode()
 
 
 @contextmanager
-def vrchat(info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C") -> Iterator[None]:
+def vrchat(
+    info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C"
+) -> Iterator[dict[str, bytes]]:
+    """Yields what it answers, which may be changed."""
+    answers = {"info": info, "parameters": parameters}
+
     class Answers(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            data = info if self.path == "/?HOST_INFO" else parameters
+            data = answers["info" if self.path == "/?HOST_INFO" else "parameters"]
             self.send_response(200)
             self.end_headers()
             for k in range(0, len(data), 1 << 16):
@@ -75,7 +81,7 @@ def vrchat(info: bytes, parameters: bytes, name: str = CLIENT + "-1A2B3C") -> It
         )
     )
     try:
-        yield
+        yield answers
     finally:
         network.close()
         server.shutdown()
@@ -134,6 +140,36 @@ def test_parameters_that_are_bits_are_told_and_sent_as_bits(
     assert names("vrchat://auto") >= {*BITS, "FT/v2/JawOpen", "FT/v2/JawX", "FT/v2/EyeX"}
     assert not {name[-1] for name in names("vrchat://auto/Old/v2")} & set("12")  # it has none
     assert not {name[-1] for name in names("vrchat://127.0.0.1:9000/FT/v2")} & set("12")
+
+
+def test_another_avatar_gets_its_own_parameters(
+    decoder: Decoder, results: list[FrameResult], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its user changes it without telling the run, and VRChat starts anew on another port."""
+    monkeypatch.setattr(send, "RENEW_S", 0.02)
+    face = FaceReader(decoder)(results[0].driven)
+    with vrchat(INFO, FACE) as answers:
+        found = found_in_time()
+        monkeypatch.setattr(oscquery, "find", lambda: found)
+        (sink,) = table.open_all(["vrchat://auto"], table.Outlet(decoder, "ben", ManualClock()))
+        (receiver,) = sink.receivers  # type: ignore[union-attr]
+        sink.on_start(None)  # type: ignore[arg-type]
+
+        def sent_to(name: str) -> bool:
+            address = f"/avatar/parameters/{name}".encode() + b"\0"
+            return any(address in datagram for datagram in receiver.encode(face))
+
+        assert sent_to("FT/v2/JawOpen") and not sent_to("v2/JawOpen1")
+        answers["parameters"] = json.dumps(tree("v2/JawOpen1", "v2/JawX")).encode()
+        wait_until(lambda: sent_to("v2/JawOpen1"), "bits of the other avatar")
+        answers["parameters"] = b"[[["  # none of a face: what most avatars take
+        wait_until(lambda: not sent_to("v2/JawOpen1"), "floats alone")
+        assert sent_to("v2/JawOpen")
+        sink.close()
+    monkeypatch.setattr(oscquery, "_find", lambda: VRChat(HERE, 9123, "new/v2"))
+    assert oscquery.again(found).prefix == "new/v2"  # what answered is gone
+    monkeypatch.setattr(oscquery, "_find", lambda: VRChat(HERE, 9124, "new/v2"))
+    assert oscquery.again(found) is found
 
 
 BITS = [f"FT/v2/{name}" for name in ("JawOpen1", "JawOpen2", "JawX1", "JawXNegative")]
