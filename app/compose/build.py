@@ -104,7 +104,7 @@ def build(
         view=view,
         panel=Panel(
             Controls(avatar=who.name, emotion=emotion),
-            [place for place in (window, page and page.link, port, *places) if place],
+            [place for place in (window, page and page.link, xr, port, *places) if place],
         ),
         ports=[port] if port else [],
         record=tape.append if tape else None,

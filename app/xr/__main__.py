@@ -18,17 +18,17 @@ NICENESS = 10  # where the CPU draws, the tick goes first
 
 def main() -> None:
     """Show the head until the run ends; errors are left in the shared memory."""
-    fields, handles, _ = child.begin()
-    memory, info = XrMemory(handles[0]), XrInfo(**fields)
-    status, loop_lives = memory.status, child.parent_lives()
+    given = child.begin()
+    memory, info = XrMemory(given.memories[0]), XrInfo(**given.info)
+    status = memory.status
 
     def wanted() -> bool:
-        return not status["ending"] and loop_lives()
+        return not status["ending"] and given.parent_lives()
 
     def make_scene(context: "GLContext") -> "Scene":
         from app.xr.scene import Scene
 
-        scene = Scene(context, info)
+        scene = Scene(context, info, lambda: memory.text("avatar"))
         if context.software:
             child.lower_priority(NICENESS)
         return scene

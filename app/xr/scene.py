@@ -3,7 +3,8 @@
 ticks -> Interpolation -> decode -> Gaussians -> camera and lobes of each eye -> picture
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,6 +20,7 @@ from render.decoder.decoder import EXPRESSION_DIM, Decoder
 from render.splats.renderer import wrap_context
 from render.types import AHEAD, Doubles, Gaussians
 from sensors import rotation
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from render.gl.contexts import GLContext
@@ -29,10 +31,12 @@ REST = (np.zeros(EXPRESSION_DIM, np.float32), AHEAD, AT_REST)
 class Scene:
     """Decoder, identity and renderer; stays when sessions come and go."""
 
-    def __init__(self, context: "GLContext", info: XrInfo) -> None:
+    def __init__(self, context: "GLContext", info: XrInfo, wanted: Callable[[], str]) -> None:
+        """`wanted` tells, at any time, which avatar is to be drawn."""
         self.motion = Interpolation()
         self._decoder = Decoder.load(gaussians=info.gaussians)
-        self._who = identity.load(info.avatar)
+        self._wanted, self._chosen = wanted, wanted()
+        self._who = identity.load(self._chosen)
         self._company = None
         if info.seats is not None:
             from app.call.table.company import Company
@@ -68,6 +72,10 @@ class Scene:
 
     def cloud(self, now_ns: int) -> Gaussians:
         """Everything there is to see at this moment, in the avatar's world."""
+        if (wanted := self._wanted()) != self._chosen:
+            self._chosen = wanted
+            with suppress(InputError, OSError):  # the old one stays, as elsewhere
+                self._who = identity.load(wanted)
         expression, gaze, head = self.motion.at(now_ns) or REST
         *numbers, breath = head.tolist()
         pose = rotation.checked(numbers[:3], numbers[3:])

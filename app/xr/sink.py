@@ -26,6 +26,7 @@ class XrSink:
         """Starts the headset's process; `on_start` waits for it."""
         self.memory = XrMemory()
         self._info, self._clock, self._tell = info, clock, tell
+        self.show({"avatar": info.avatar})
         self._lost, self._crashes = False, 0
         self._closing = threading.Event()
         self._process = self._start()
@@ -57,6 +58,15 @@ class XrSink:
             self._lost = bool(problem)
             more = "" if self.memory.status["ended"] else "; still looking for it"
             self._tell(f"headset: {problem}{more}" if problem else "headset: is back")
+
+    def picks(self) -> dict[str, Any]:
+        """A place of controls that shows and changes nothing."""
+        return {}
+
+    def show(self, changed: dict[str, Any]) -> None:
+        """Who is drawn, also when the process starts anew."""
+        if "avatar" in changed:
+            self.memory.status["avatar"] = changed["avatar"].encode()
 
     def close(self) -> None:
         self.memory.status["ending"] = True

@@ -42,6 +42,7 @@ class Headset:
     def __init__(self, context: GLContext | None) -> None:
         self.clock, self.memory = ManualClock(NS), XrMemory()
         self.status, self.there, self.scenes = self.memory.status, True, list[Scene]()
+        self.status["avatar"] = b"ben"
         self.runtime = StandInRuntime(
             self.clock, context=context, size=SIZE, is_there=lambda: self.there
         )
@@ -64,7 +65,8 @@ class Headset:
         return not self._done()
 
     def _scene(self, context: GLContext) -> Scene:
-        scene = Scene(context, XrInfo("auto", "ben", gaussians="16k"))
+        info = XrInfo("auto", "ben", gaussians="16k")
+        scene = Scene(context, info, lambda: self.memory.text("avatar"))
         scene.close = lambda: None  # the context is that of all tests
         self.scenes.append(scene)
         return scene
@@ -105,6 +107,18 @@ def test_the_face_moves_between_ticks(context: GLContext) -> None:
     means = [headset.scenes[0].cloud(moment).means.copy() for moment in moments]
     steps = [np.abs(b - a).mean() for a, b in pairwise(means)]
     assert min(steps) > 0 and max(steps) < 1.5 * min(steps)
+
+
+def test_another_avatar_is_seen_in_the_headset_too(context: GLContext) -> None:
+    """Red before: everybody saw the new one but the wearer."""
+    headset = Headset(context)
+    headset.run(lambda: headset.status["frames"] >= 1)
+    before = headset.scenes[0].cloud(headset.clock.now_ns()).colors.copy()
+    headset.status["avatar"] = b"/gone/nobody.safetensors"
+    assert np.array_equal(headset.scenes[0].cloud(headset.clock.now_ns()).colors, before)
+    headset.status["avatar"] = b"femi"
+    after = headset.scenes[0].cloud(headset.clock.now_ns()).colors
+    assert after[:1000].mean() < 0.7 * before[:1000].mean()  # her skin is darker
 
 
 def test_a_lost_runtime_is_looked_for_and_comes_back(context: GLContext) -> None:

@@ -95,6 +95,13 @@ def test_a_runtime_that_goes_or_a_process_that_stops_costs_no_tick(worn: Worn) -
     worn.more("frames")
 
 
+def test_a_change_of_avatar_crosses(worn: Worn) -> None:
+    assert worn.sink.memory.text("avatar") == "ben" and worn.sink.picks() == {}
+    worn.sink.show({"avatar": "femi"})
+    worn.sink.show({"muted": True})
+    assert worn.sink.memory.text("avatar") == "femi"
+
+
 def test_a_crashed_process_is_started_again(headless: Worn) -> None:
     os.kill(headless.sink.pid, signal.SIGKILL)
     wait_for(lambda: headless.status["problem"])
