@@ -14,11 +14,11 @@ from sensors.types import InputError
 
 def main() -> None:
     """Run one end of a call; errors are reported through the socket."""
-    fields, handles, end = child.begin()
-    assert end is not None
+    given = child.begin()
+    assert (end := given.end) is not None
     logging.disable(logging.CRITICAL)  # garbage from the network is counted, not logged
-    fields["ice_servers"] = tuple(fields["ice_servers"])
-    settings = CallSettings(**fields)
+    given.info["ice_servers"] = tuple(given.info["ice_servers"])
+    settings = CallSettings(**given.info)
     try:
         from app.call.live.service import Service
         from app.call.table.seats import Seats
@@ -29,7 +29,7 @@ def main() -> None:
         coding = Coding.load()
         basis = basis_of(coding.frame, coding.to_code)
         date_s = int(datetime.now(UTC).timestamp())
-        service = Service(end, Seats(handles[0]), basis, MonotonicClock(), date_s)
+        service = Service(end, Seats(given.memories[0]), basis, MonotonicClock(), date_s)
         gc.collect()
         gc.freeze()
         try:

@@ -13,8 +13,8 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Coroutine, Sequence
-from dataclasses import asdict
+from collections.abc import Coroutine, Sequence
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from app.process import memory
@@ -45,14 +45,33 @@ def start(
         process = subprocess.Popen(command, stdin=subprocess.PIPE, pass_fds=kept)
         shared = str(end.fileno()) if end else ""
     assert process.stdin is not None
-    line = json.dumps({"info": asdict(info), "memories": list(memories), "socket": shared})
+    given = {"info": asdict(info), "memories": list(memories), "socket": shared}
+    line = json.dumps(given | {"parent": os.getpid()})
     with contextlib.suppress(BrokenPipeError), process.stdin:  # gone: its status says it
         process.stdin.write(line.encode() + b"\n")
     return process
 
 
-def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
-    """In the child: info, handles of memories, and the channel, as `start` was given them."""
+@dataclass(frozen=True)
+class Given:
+    """What a child was started with."""
+
+    info: dict[str, Any]
+    memories: list[str]  # handles
+    end: Channel | None
+    parent: int  # the process that started it
+
+    def parent_lives(self) -> bool:
+        """At any time; it may have ended before this process began."""
+        if sys.platform != "win32":
+            return os.getppid() == self.parent
+        import psutil  # an orphan keeps the number of its parent there
+
+        return psutil.pid_exists(self.parent)
+
+
+def begin() -> Given:
+    """In the child, first of all: what `start` was given."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the loop, which then ends us
     given = json.loads(sys.stdin.readline())
     word, end = given["socket"], None
@@ -60,17 +79,7 @@ def begin() -> tuple[dict[str, Any], list[str], Channel | None]:
         end = Channel(socket.fromshare(base64.b64decode(word)))
     elif word:
         end = Channel(socket.socket(fileno=int(word)))
-    return given["info"], given["memories"], end
-
-
-def parent_lives() -> Callable[[], bool]:
-    """What tells a child, at any time, whether the process that started it still runs."""
-    parent = os.getppid()
-    if sys.platform == "win32":  # where an orphan keeps the number of its parent
-        import psutil
-
-        return psutil.Process(parent).is_running
-    return lambda: os.getppid() == parent
+    return Given(given["info"], given["memories"], end, given["parent"])
 
 
 def begin_worker() -> None:

@@ -14,10 +14,10 @@ from sensors.types import InputError
 
 def main() -> None:
     """Serve; errors at the start are reported through the socket."""
-    fields, _, end = child.begin()
-    assert end is not None
+    given = child.begin()
+    assert (end := given.end) is not None
     logging.disable(logging.CRITICAL)  # garbage from clients is their affair
-    info = ServerInfo(**fields)
+    info = ServerInfo(**given.info)
     try:
         from app.web.server import WebServer
 

@@ -7,10 +7,11 @@ from sensors.types import InputError
 
 def main() -> None:
     """Open the window; what goes wrong is left in the shared memory for the loop to report."""
-    fields, handles, _ = child.begin()
-    memory = SharedMemory(handles[0])
-    fields |= {name: tuple(fields[name]) for name in ("avatars", "emotions")}
-    info = WindowInfo(**fields)
+    given = child.begin()
+    memory = SharedMemory(given.memories[0])
+    for name in ("avatars", "emotions"):
+        given.info[name] = tuple(given.info[name])
+    info = WindowInfo(**given.info)
     try:
         try:
             # Before any import of glfw: makes it load the library that ImGui uses.
@@ -27,7 +28,7 @@ def main() -> None:
     except InputError as error:
         memory.controls["error"] = str(error).encode()[:400]
         raise SystemExit(2) from None
-    window.run()
+    window.run(given.parent_lives)
 
 
 if __name__ == "__main__":

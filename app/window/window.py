@@ -5,13 +5,13 @@ shared ticks -> Interpolation -> decode -> draw -> background, panels -> screen
 """
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from imgui_bundle import imgui
 
-from app.process import child
 from app.window.head import Code, HeadView
 from app.window.panels import overlay, sidebar
 from app.window.panels.eyes import EyeMarks
@@ -48,9 +48,9 @@ class Window:
             texture.swizzle = "RRR1"
         self._eye_textures: list[Any] = [imgui.ImTextureRef(t.glo) for t in self._eyes]
 
-    def run(self) -> None:
+    def run(self, loop_lives: Callable[[], bool]) -> None:
         """Until the run ends, the window is closed, or the loop is gone."""
-        screen, controls, loop_lives = self._screen, self.state.controls, child.parent_lives()
+        screen, controls = self._screen, self.state.controls
         while not controls["ending"] and loop_lives():
             self._take_ticks()
             self.picture()

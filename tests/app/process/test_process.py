@@ -130,11 +130,12 @@ class Info:
 CHILD = """
 import numpy as np
 from app.process import child, memory
-info, handles, end = child.begin()
-for handle in handles:
-    np.frombuffer(memory.attach(handle, 64).buffer, np.int64)[0] += info["value"]
-end.send(b"done")
-end.close()
+given = child.begin()
+assert given.parent_lives()
+for handle in given.memories:
+    np.frombuffer(memory.attach(handle, 64).buffer, np.int64)[0] += given.info["value"]
+given.end.send(b"done")
+given.end.close()
 """
 
 
@@ -156,6 +157,12 @@ def test_a_child_opens_memory_of_both_kinds_and_takes_the_channel(
     ours.close()
     assert int(arrays[1][0]) == 7
     assert capfd.readouterr().err == ""
+
+
+def test_a_child_whose_parent_ended_before_it_began_knows() -> None:
+    """Red before: it took whoever had adopted it for its parent, and a window stayed for ever."""
+    assert child.Given({}, [], None, os.getppid()).parent_lives()
+    assert not child.Given({}, [], None, parent=os.getpid()).parent_lives()
 
 
 def test_windows_shares_with_the_python_behind_a_virtual_environment(
