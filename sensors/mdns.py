@@ -34,7 +34,13 @@ def announced(
     Raises InputError without zeroconf or a network.
     """
     try:
-        from zeroconf import InterfaceChoice, IPVersion, ServiceBrowser, Zeroconf
+        from zeroconf import (
+            BadTypeInNameException,
+            InterfaceChoice,
+            IPVersion,
+            ServiceBrowser,
+            Zeroconf,
+        )
     except ImportError as error:
         raise InputError(
             f"{asked_by}: expected zeroconf, got {error}; run: pip install livedrive[web]"
@@ -51,14 +57,18 @@ def announced(
         raise InputError(
             f"{asked_by}: expected a network, got: {error.strerror or error}; connect one"
         ) from None
+    browser = ServiceBrowser(network, service, handlers=[heard])
     try:
-        ServiceBrowser(network, service, handlers=[heard])
         time.sleep(seconds)
         for name in sorted(set(names)):
-            found = network.get_service_info(service, name, ANSWER_MS)
+            try:
+                found = network.get_service_info(service, name, ANSWER_MS)
+            except BadTypeInNameException:  # whoever announced it may say anything
+                continue
             addresses = found.parsed_addresses(IPVersion.V4Only) if found else []
             if found and addresses and found.port:
                 shown = "".join(c for c in name.removesuffix(f".{service}") if c.isprintable())
                 yield Announced(shown[:MAX_NAME], addresses[0], found.port, found.properties or {})
     finally:
+        browser.cancel()  # its thread would outlive the network
         network.close()

@@ -38,6 +38,7 @@ class VRChat:
     prefix: str | None
     bits: dict[str, Bits] = field(default_factory=dict[str, Bits])  # below the prefix, by name
     asked: Announced | None = field(default=None, compare=False, repr=False)  # what told this
+    told: bool = field(default=True, compare=False, repr=False)  # False: parameters were not told
 
 
 def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
@@ -51,12 +52,13 @@ def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRCha
 
 def again(there: VRChat) -> VRChat:
     """What VRChat takes now, as its user may have changed the avatar, or started it anew; `there`
-    where it does not answer, or gets OSC elsewhere."""
+    where it does not answer in time, or gets OSC elsewhere."""
     now = asyncio.run(_ask(there.asked)) if there.asked else None
     if now is None:
         with contextlib.suppress(InputError):
             now = _find()
-    return now if now and (now.host, now.port) == (there.host, there.port) else there
+    same = now and now.told and (now.host, now.port) == (there.host, there.port)
+    return now if now and same else there
 
 
 def _find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
@@ -78,11 +80,13 @@ async def _ask(service: Announced) -> VRChat | None:
     port = cast(dict[str, object], info).get("OSC_PORT") if isinstance(info, dict) else None
     if not isinstance(port, int) or isinstance(port, bool) or not 0 < port < 1 << 16:
         return None
-    return VRChat(service.host, port, *face_in(await _get(service, PARAMETERS)), service)
+    parameters = await _get(service, PARAMETERS)
+    told = parameters is not None
+    return VRChat(service.host, port, *face_in(parameters), asked=service, told=told)
 
 
 async def _get(service: Announced, path: str) -> Any:
-    """What the service answers, as JSON; None where it does not, too late, or too much."""
+    """What the service answers, as JSON; None where it does not, or too late; "" for nonsense."""
     from aiohttp import ClientError, ClientSession, ClientTimeout
 
     url, data = f"http://{service.host}:{service.port}{path}", b""
@@ -94,9 +98,11 @@ async def _get(service: Announced, path: str) -> Any:
             async for chunk in answer.content.iter_any():
                 data += chunk
                 if len(data) > MAX_ANSWER:
-                    return None
+                    return ""
         return parse_json(data)
-    except (OSError, ClientError, TimeoutError, ValueError):
+    except ValueError:
+        return ""
+    except (OSError, ClientError, TimeoutError):
         return None
 
 

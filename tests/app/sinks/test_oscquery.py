@@ -60,7 +60,10 @@ def vrchat(
 
     class Answers(BaseHTTPRequestHandler):
         def do_GET(self) -> None:
-            data = answers["info" if self.path == "/?HOST_INFO" else "parameters"]
+            what = "info" if self.path == "/?HOST_INFO" else "parameters"
+            if answers.get("wait") == what.encode():
+                time.sleep(0.6)
+            data = answers[what]
             self.send_response(200)
             self.end_headers()
             for k in range(0, len(data), 1 << 16):
@@ -166,6 +169,9 @@ def test_another_avatar_gets_its_own_parameters(
         wait_until(lambda: not sent_to("v2/JawOpen1"), "floats alone")
         assert sent_to("v2/JawOpen")
         sink.close()
+        monkeypatch.setattr(oscquery, "WAIT_S", 0.3)
+        answers["wait"] = b"parameters"  # red before: an avatar without a face
+        assert oscquery.again(found) is found
     monkeypatch.setattr(oscquery, "_find", lambda: VRChat(HERE, 9123, "new/v2"))
     assert oscquery.again(found).prefix == "new/v2"  # what answered is gone
     monkeypatch.setattr(oscquery, "_find", lambda: VRChat(HERE, 9124, "new/v2"))
