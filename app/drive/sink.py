@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from encoder.types import DrivenFrame
-from sensors.types import SensorFrame
+from sensors.types import InputError, SensorFrame
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,8 @@ class Sink(Protocol):
 
 
 class Expendable:
-    """A sink that a live run can lose: a full disk ends the file, not the run. Told on stderr."""
+    """A sink that a live run can lose: a full disk, or a folder that is gone, ends the file, not
+    the run. Told on stderr."""
 
     def __init__(self, sink: Sink, path: Path | None = None) -> None:
         self.sink, self.path = sink, path
@@ -54,21 +55,20 @@ class Expendable:
         if not self.lost:
             try:
                 self.sink.on_frame(result)
-            except OSError as error:
+            except (OSError, InputError) as error:
                 self._lose(error)
 
     def close(self) -> None:
         try:
             self.sink.close()
-        except OSError as error:
+        except (OSError, InputError) as error:
             if not self.lost:
                 self._lose(error)
 
-    def _lose(self, error: OSError) -> None:
+    def _lose(self, error: OSError | InputError) -> None:
         self.lost = True
         what = type(self.sink).__name__.removesuffix("Sink").lower()
-        reason = error.strerror or error
-        print(
-            f"livedrive: {what}: {reason}; it ends here, the run goes on; free some space",
-            file=sys.stderr,
-        )
+        reason: object = error
+        if isinstance(error, OSError):
+            reason = f"{error.strerror or error}; free some space"
+        print(f"livedrive: {what}: {reason}; it ends here, the run goes on", file=sys.stderr)

@@ -11,7 +11,7 @@ from app.drive.sink import Expendable, FrameResult, RunInfo
 from encoder.types import DrivenFrame
 from render.types import AHEAD
 from sensors.clock import ManualClock
-from sensors.types import FPS, NS
+from sensors.types import FPS, NS, InputError
 
 
 class Counting:
@@ -107,7 +107,13 @@ def test_all_is_closed_whatever_fails_meanwhile(failure: type[BaseException]) ->
     assert all(sink.closed for sink in sinks) and driver.closed
 
 
-def test_a_live_run_outlives_a_full_disk(capsys: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize(
+    "error",
+    [OSError(errno.ENOSPC, "No space left on device"), InputError("p: No space left, no folder")],
+)
+def test_a_live_run_outlives_a_full_disk(
+    error: Exception, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Red before: the run ended, though its recording went on."""
 
     class Full:
@@ -117,10 +123,10 @@ def test_a_live_run_outlives_a_full_disk(capsys: pytest.CaptureFixture[str]) -> 
 
         def on_frame(self, result: FrameResult) -> None:
             self.frames += 1
-            raise OSError(errno.ENOSPC, "No space left on device")
+            raise error
 
         def close(self) -> None:
-            raise OSError(errno.ENOSPC, "No space left on device")
+            raise error
 
     full, clock = Full(), ManualClock()
     summary = run(Tone(clock, 10), clock, Expendable(full))  # type: ignore[arg-type]
