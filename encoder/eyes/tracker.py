@@ -60,7 +60,8 @@ class EyeState:
     faded: ShownEyes | None  # where the running fades began
     session: SessionState
     encoder: EncoderState
-    calibration: EyeCalibration | None = None  # of the person
+    calibration: EyeCalibration | None = None  # of the person, or as recentred
+    knows_lids: bool = False  # the calibration was made by the person
     own: Array | None = None  # [2, 3] gaze that the cameras told, calmed; None: nothing lately
     source: tuple[int, int] = (WALK, WALK)
     lost: tuple[int, int] = (NO_EYE_FRAMES, NO_EYE_FRAMES)  # frames since the own eye was seen
@@ -78,13 +79,15 @@ class EyeTracker:
 
     def init_state(self, calibration: EyeCalibration | None = None) -> EyeState:
         walk = self.walk.init_state()
-        return EyeState(walk, None, None, new_session(), new_encoder_state(), calibration)
+        known = calibration is not None
+        encoder = new_encoder_state()
+        return EyeState(walk, None, None, new_session(), encoder, calibration, known)
 
     def recentred(self, state: EyeState) -> EyeState:
         """What a camera shows now is straight ahead; unchanged while no camera sees an eye."""
         if state.shown is None or 0 not in state.lost:
             return state
-        calibration = (state.calibration or state.session.calibration()).recentred(state.shown.gaze)
+        calibration = _calibration(state).recentred(state.shown.gaze)
         return replace(state, calibration=calibration)
 
     def step(
@@ -131,8 +134,7 @@ class EyeTracker:
         self, reading: EyeReading, told: Array, good: NDArray[np.bool_], state: EyeState
     ) -> ShownEyes:
         """The person's own gaze and lids, of the eyes that are seen; the features move along."""
-        calibration = state.calibration or state.session.calibration()
-        gaze, lids = calibration.apply(told, reading.relative, reading.lids)
+        gaze, lids = _calibration(state).apply(told, reading.relative, reading.lids)
         read = self.encoder.synthesise(reading.as_features(told), reading.told_lids)
         change = self.encoder.synthesise(gaze, lids) - read
         features = bounded(reading.features + change.astype(np.float32))
@@ -192,6 +194,16 @@ def eyes_in(state: EyeState) -> Array:
     return np.stack(
         [side * x, y, np.exp(log_size), side * turn, np.array(state.score, np.float32)], 1
     )
+
+
+def _calibration(state: EyeState) -> EyeCalibration:
+    """The person's; or what the session has learned, of which a recentred gaze leaves the lids."""
+    learned = state.session.calibration()
+    if state.calibration is None:
+        return learned
+    if state.knows_lids:
+        return state.calibration
+    return replace(state.calibration, shut=learned.shut, open=learned.open)
 
 
 def _noticed(

@@ -92,3 +92,18 @@ def test_recentring_makes_now_straight_ahead() -> None:
     for _ in range(20):
         _, state = track.step(None, blind, state)
     assert track.recentred(state) is state  # nothing was seen: nothing changes
+
+
+def test_recentred_gaze_leaves_the_lids_to_what_the_session_learns() -> None:
+    """Red before: as they were known then, for the rest of the run."""
+    track, row = tracker(), readings(1)[0]
+    row = row._replace(lids=np.full(2, 0.6, np.float32))  # an open lid of this wearer
+    _, state = track.step(row, BOTH, track.init_state())
+    both = [state, track.recentred(state)]
+    for _ in range(200):
+        shown, both = zip(*(track.step(row, BOTH, one) for one in both), strict=True)
+    assert np.abs(shown[0].lids - shown[1].lids).max() < 1e-5
+    mine = EyeCalibration(shut=(0.1, 0.1), open=(0.9, 0.9))
+    _, state = track.step(row, BOTH, track.init_state(mine))
+    seen, _ = track.step(row, BOTH, track.recentred(state))
+    assert np.abs(seen.lids - (0.6 - 0.1) / 0.8).max() < 1e-5  # a person's own stay
