@@ -21,6 +21,7 @@ STEP_NS = 60_000_000  # poses further apart may be no further away
 JUMP_WAIT_NS = 250_000_000  # a jump that lasts is where the head is now
 LONG_NS = NS // 2  # after a pause of this length any pose is accepted
 MAX_DEVICE_S = 1e9
+NEW_CLOCK_S = 0.5  # a sender whose clock is set back by more has started anew
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ class ReadingGate:
         self._last: HeadPacket | None = None
         self._arrived_ns = 0  # arrival of the last pose that passed
         self._sent_s: float | None = None  # its time by the sender's clock
+        self._clock_s = float("-inf")  # of the sender, when it last told
         self._elsewhere: tuple[int, HeadPose] | None = None  # arrival of the first pose that jumped
         self._credit, self._credit_ns = float(BURST), 0
 
@@ -115,6 +117,10 @@ class ReadingGate:
         """Our time of the sender's; the arrival where the sender's says nothing."""
         t_ns = arrival_ns
         if device_s is not None and isfinite(device_s) and abs(device_s) < MAX_DEVICE_S:
+            if device_s < self._clock_s - NEW_CLOCK_S:
+                self._map = ClockMap()
+                self.counts.clock_jumps += 1
+            self._clock_s = device_s
             t_ns = min(self._map.update(round(device_s * NS), arrival_ns), arrival_ns)
             self.counts.clock_jumps += self._map.jump_ns != 0
         return max(t_ns, self._last.t_ns) if self._last else t_ns

@@ -64,7 +64,8 @@ class VmcDecoder:
             return None
         self._has_hmd |= is_hmd
         quat = pose.quat if is_hmd else rotation.multiply(self._neck, pose.quat)
-        return Reading(pose.position, quat, self._time_s, self._tracked)
+        time_s, self._time_s = self._time_s, None  # of one pose
+        return Reading(pose.position, quat, time_s, self._tracked)
 
 
 class TrackerDecoder:

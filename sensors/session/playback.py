@@ -95,6 +95,8 @@ class Playback:
         self._wanted_ns, self._position_ns, self._emotion = None, to_ns, ""
         later = (k for k, e in enumerate(self._entries) if end_ns(e) >= to_ns)
         self._next = next(later, 0)
+        if end_ns(self._entries[self._next]) < to_ns:  # behind the last one that is played
+            self._position_ns = self._start_ns
         for entry in self._entries[: self._next]:
             if isinstance(entry, EmotionEntry):
                 self._emotion = entry.words

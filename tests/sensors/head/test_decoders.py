@@ -24,6 +24,15 @@ def test_head_and_neck_bones_add_up() -> None:
     assert reading.device_s == 12.5 and reading.tracked
 
 
+def test_a_time_is_that_of_one_pose() -> None:
+    """Red before: one time at the start made all later poses as old as it."""
+    decode = vmc.VmcDecoder()
+    times = [decode(osc(bone("Head", pose(0, 0, 0))))[0].device_s for _ in range(2)]
+    assert decode(osc((vmc.TIME, 12.5))) == [] and times == [None, None]
+    times = [decode(osc(bone("Head", pose(0, 0, 0))))[0].device_s for _ in range(2)]
+    assert times == [12.5, None]
+
+
 def test_the_headset_wins_over_the_bones_and_a_program_says_that_it_lost_it() -> None:
     decode = vmc.VmcDecoder()
     hmd = (vmc.HMD, "x", *bone("", pose(1, 2, 3))[2:])

@@ -97,6 +97,16 @@ def test_the_sender_clock_smooths_arrivals_and_never_goes_back_or_ahead() -> Non
     assert gate.counts.clock_jumps == 1
 
 
+def test_a_sender_that_starts_anew_is_met_at_once() -> None:
+    """Red before: its poses counted as a second old, and the head eased away."""
+    gate = ReadingGate("t", Told())
+    for start_ns, device_s in ((NS, 100.0), (9 * NS, 0.0)):
+        for k in range(120):
+            at_ns = start_ns + k * NS // 60
+            packet = gate(Reading(ORIGIN, UNIT, device_s + k / 60), at_ns)
+            assert packet and at_ns - packet.t_ns < MS
+
+
 @pytest.mark.parametrize("device_s", [NAN, float("inf"), 1e300, None])
 def test_a_clock_that_is_none_leaves_the_arrival(device_s: float | None) -> None:
     packet = ReadingGate("t", Told())(Reading(ORIGIN, UNIT, device_s), 5 * NS)

@@ -52,6 +52,20 @@ class Viewer:
         return shown
 
 
+def test_a_jump_behind_the_last_sound_begins_anew(folder: Path) -> None:
+    """Red before: where pictures go on after the sound, all of it came in one tick."""
+    with RecordingWriter(folder.parent / "late", created="") as writer:
+        for k in range(FRAMES):
+            t_ns = 7 * NS + k * NS // FPS
+            writer.append(AudioPacket(t_ns, 1600 * k, np.zeros(1600, np.float32)))
+        writer.append(EyePacket(9 * NS, 0, 0, np.zeros((400, 400), np.uint8)))
+    viewer = Viewer(folder.parent / "late", eyes=False)
+    viewer.away = False
+    assert viewer.watch(3)
+    viewer.source.jump(1.9)
+    assert len(viewer.watch(1)) <= 1
+
+
 def test_it_waits_loops_pauses_and_jumps(folder: Path) -> None:
     viewer = Viewer(folder)
     assert viewer.watch(50) == []  # nobody has come
