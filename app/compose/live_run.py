@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from app.compose.build import build, load_driver
 from app.compose.live import live_source, open_page, open_recorder, open_xr
 from app.compose.report import report, sensor_report
-from app.compose.settings import CONDITION, HEAD_MODE, DriveSettings, LiveSettings
+from app.compose.settings import CONDITION, HEAD_MODE, SEED, DriveSettings, LiveSettings
 from app.drive.calibration import in_session, of_user
 from app.drive.controls import ControlPlace
 from app.drive.loop import Drive, Summary
@@ -46,7 +46,7 @@ class LiveRun:
     def open_recorder(self, folder: Path) -> "LiveRecorder":
         """Record into a new session, with what its replay needs to be the same."""
         known = in_session(self._driver) | {HEAD_MODE: self.settings.head}
-        known[CONDITION] = self._driver.config.condition
+        known |= {CONDITION: self._driver.config.condition, SEED: self.settings.seed}
         return open_recorder(folder, self.source, known)
 
     def hear_at_page(self, link: "CallLink") -> None:

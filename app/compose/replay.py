@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, get_args
 from app.compose.build import build, load_driver
 from app.compose.live import open_page, tell
 from app.compose.report import report
-from app.compose.settings import CONDITION, HEAD_MODE, DriveSettings, HeadMode
+from app.compose.settings import CONDITION, HEAD_MODE, MAX_SEED, SEED, DriveSettings, HeadMode
 from app.drive.calibration import of_session
 from app.drive.loop import Drive, Summary, drive
 from app.drive.sink import Sink
@@ -93,9 +93,9 @@ def _opened(session: Path, settings: DriveSettings) -> "tuple[Recording, DriveSe
 
 
 def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSettings:
-    """What is left open is as in the run: what moves the head, also where its tracker paused, and
-    the upper face, also where its cameras brought no picture. Older sessions, and those of
-    `record`, do not say what that was."""
+    """What is left open is as in the run: what moves the head, also where its tracker paused, the
+    upper face, also where its cameras brought no picture, and what is drawn at random. Older
+    sessions, and those of `record`, do not say what that was."""
     from encoder import inference
 
     known = recording.card.get("calibration", {})
@@ -106,4 +106,7 @@ def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSetting
     can = condition == "gaze" or (condition == "eyes" and inference.eyes_fit(weights))
     if settings.condition == "auto" and can:
         settings = replace(settings, condition=condition)
+    seed = known.get(SEED)
+    if not settings.seed and isinstance(seed, int) and 0 <= seed < MAX_SEED:
+        settings = replace(settings, seed=int(seed))
     return settings

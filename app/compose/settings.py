@@ -9,10 +9,11 @@ from render.types import DENSITY, Density
 from sensors.types import LOOPBACK, InputError
 
 MAX_SIZE = 4096  # px
+MAX_SEED = 1 << 63
 WantedCondition = Literal["auto", "gaze", "eyes"]
 Device = Literal["auto", "cpu", "cuda"]
 HeadMode = Literal["auto", "synth", "track", "still"]
-HEAD_MODE, CONDITION = "head", "condition"  # of a live run, beside the calibration of a session
+HEAD_MODE, CONDITION, SEED = "head", "condition", "seed"  # of a run, in the card of its session
 XrMode = Literal["auto", "headless"]
 HEAD_MODES = ("auto", "synth", "still")  # words of --head; anything else is a tracker
 Switch = Literal["auto", "on", "off"]
@@ -94,7 +95,7 @@ class DriveSettings:
                 f"--size: expected an even number in 64..{MAX_SIZE}, got {self.size}; "
                 "try --size 512"
             )
-        if not 0 <= self.seed < 1 << 63:
+        if not 0 <= self.seed < MAX_SEED:
             raise InputError(f"--seed: expected 0 or more, got {self.seed}; try --seed 0")
         if self.listen is not None and not 0 <= self.listen <= 65535:
             raise InputError(

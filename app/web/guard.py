@@ -57,7 +57,9 @@ def check(token: str | None, port: int):  # noqa: ANN201
 def listen(host: str, port: int, send_buffer: int) -> socket.socket:
     """A listening socket whose connections may hold that many bytes."""
     listener = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM)
-    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    # Windows would let another program take the port over, and with it the page's token.
+    alone = getattr(socket, "SO_EXCLUSIVEADDRUSE", socket.SO_REUSEADDR)
+    listener.setsockopt(socket.SOL_SOCKET, alone, 1)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer)
     listener.bind((host.strip("[]"), port))
     listener.listen(BACKLOG)

@@ -43,6 +43,15 @@ def test_the_upper_face_is_driven_as_recorded(recorded: Any, asked: Any, used: s
     assert as_recorded(DriveSettings(condition=asked), recording).condition == used
 
 
+@pytest.mark.parametrize(
+    ("recorded", "asked", "used"), [(7, 0, 7), (7, 3, 3), (-1, 0, 0), ("7", 0, 0), (1 << 63, 0, 0)]
+)
+def test_what_is_drawn_at_random_is_as_recorded(recorded: Any, asked: int, used: int) -> None:
+    """Red before: `run --seed 7 --record` did not replay to the same codes."""
+    recording: Any = SimpleNamespace(card={"calibration": {"seed": recorded}})
+    assert as_recorded(DriveSettings(seed=asked), recording).seed == used
+
+
 def test_without_weights_that_see_it_stays_open(tmp_path: Path) -> None:
     recording: Any = SimpleNamespace(card={"calibration": {"condition": "eyes"}})
     assert as_recorded(DriveSettings(weights=tmp_path), recording).condition == "auto"
