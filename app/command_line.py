@@ -6,7 +6,6 @@ Errors end in one line and a status: 2 for bad input, 1 for a failure while runn
 import contextlib
 import io
 import os
-import re
 import shlex
 import sys
 from typing import Annotated, Any, TextIO, get_args
@@ -90,31 +89,33 @@ def _parsed(words: list[str]) -> Command:
     command line come later."""
     from app.terminal import profile, refusals
 
-    if "" in words[1:]:  # a script's empty variable; as a path it is the current folder
-        option = words[words.index("", 1) - 1]
-        raise InputError(f"{option}: expected a value, got an empty word; leave {option} away")
+    refusals.check_empty(words)
     kept = list[str]()
     if words[0] == "run" and not {"-h", "--help"} & set(words):
-        kept = profile.words(profile.path())
+        kept = profile.words(profile.path(), words)
     if kept:
         print(f"livedrive: with {profile.path()}: {shlex.join(kept)}", file=sys.stderr)
+    command, refusal = _tried([words[0], *kept, *words[1:]])
+    if command is not None:
+        return command
+    theirs = kept and _tried(words)[0] is not None
+    where = f"mend {profile.path()}; " if theirs else ""
+    names = _names(Command, words)
+    said = refusals.one_line(refusal, " ".join(names))
+    raise InputError(f"{said}; {where}see: {shlex.join(['livedrive', *names, '-h'])}")
+
+
+def _tried(words: list[str]) -> tuple[Command | None, str]:
+    """The command, or what the parser says against it."""
     told = io.StringIO()
     try:
         with contextlib.redirect_stderr(told):
-            return tyro.cli(
-                Command,
-                prog="livedrive",
-                args=[words[0], *kept, *words[1:]],
-                config=(tyro.conf.FlagCreatePairsOff,),
-            )
+            config = (tyro.conf.FlagCreatePairsOff,)
+            return tyro.cli(Command, prog="livedrive", args=words, config=config), ""
     except SystemExit as end:
         if end.code != 2:
             raise
-        names = _names(Command, words)
-        said = refusals.one_line(told.getvalue(), " ".join(names))
-        theirs = ({*kept} - {*words}).intersection(re.findall(r"[\w-]+", said))
-        where = f"mend {profile.path()}; " if theirs else ""
-        raise InputError(f"{said}; {where}see: {shlex.join(['livedrive', *names, '-h'])}") from None
+        return None, told.getvalue()
 
 
 def _names(commands: Any, words: list[str]) -> list[str]:

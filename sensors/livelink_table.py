@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from sensors.types import InputError
 
 WEIGHTS = (-0.5, 1.5)  # limits of blendshapes: trackers overshoot 0..1 a little
+COUNT = "blendshapecount"  # of a row; 0: no face
 TONGUE = "TongueOut"  # that older phones do not know
 _TIMECODE = re.compile(r"(\d+):(\d+):(\d+)[:;](\d+)(\.\d+)?")
 _RATES = (24, 25, 30, 60)  # timecodes a second
@@ -52,7 +53,8 @@ def read(
         more = " and more" if len(missing) > 5 else ""
         raise _no_table(path, f"no {', '.join(missing[:5])}{more}")
     time, places = header.index("Timecode"), [header.index(n) if n in header else -1 for n in names]
-    count = header.index("BlendShapeCount") if "BlendShapeCount" in header else len(header)
+    lower = [name.lower() for name in header]  # Blendshape in some versions, BlendShape in others
+    count = lower.index(COUNT) if COUNT in lower else len(header)
     stamps, values, lines = list[tuple[float, float]](), list[list[float]](), list[int]()
     for number, row in rows:
         if row[count : count + 1] == ["0"]:

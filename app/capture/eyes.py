@@ -49,6 +49,8 @@ def draw_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str,
     with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
         work = pool.imap_unordered(_file, todo)
         costs += tqdm(work, total=len(todo), desc="eyes", unit="file", mininterval=2)
+        pool.close()
+        pool.join()  # else they are ended, which is told
     result: dict[str, Any] = {"eye_pairs": number * per_file}
     if costs:
         result["eye_pairs_per_s_on_2_cores"] = round(2 * per_file / float(np.mean(costs)), 1)

@@ -41,6 +41,8 @@ def draw_wide_pairs(folder: Path, count: int, seed: int, processes: int) -> dict
     with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
         work = pool.imap_unordered(_file, todo)
         list(tqdm(work, total=len(todo), desc="wide eyes", unit="file", mininterval=2))
+        pool.close()
+        pool.join()  # else they are ended, which is told
     if not (folder / "no_eyes.npz").exists():
         rng = np.random.default_rng((seed, 78))
         _write(folder / "no_eyes.npz", {"pictures": [no_eye(rng, SIZE_PX) for _ in range(NO_EYES)]})

@@ -8,11 +8,20 @@ from typing import Any, Literal
 from tyro.conf import Positional
 
 from app.terminal import confirm, outputs
-from app.terminal.arguments import Count, File, Seed
+from app.terminal.arguments import Count, File, Seed, check_taken
 from render.types import DENSITY, Density
 from sensors.types import InputError
 
 MAX_MINUTES = 60 * 24 * 7
+TAKEN_BY = {
+    "session": ("tick", "web", "xr"),
+    "avatar": ("tick", "render", "web", "xr"),
+    **dict.fromkeys(("size", "gaussians", "device"), ("tick",)),
+    "minutes": ("soak", "web"),
+    "times": ("faults",),
+    **dict.fromkeys(("num", "processes", "keep"), ("fuzz",)),
+    "seed": ("fuzz", "peers"),
+}
 
 What = Literal[
     "tick", "render", "pictures", "sensors", "soak", "faults", "fuzz", "web", "peers", "xr"
@@ -33,15 +42,15 @@ class Bench:
     to the first frame of new sound. xr: stereo frames for a headset with a stand-in for its
     runtime, and the tick beside it."""
     session: Path = Path("recordings/demo")
-    """Session to replay in real time (tick, xr)."""
+    """Session to replay in real time (tick, web, xr)."""
     avatar: str = "ben"
-    """Avatar to drive."""
+    """Avatar to drive (tick, render, web, xr)."""
     size: int = 512
     """Width and height of the picture in pixels (tick)."""
     gaussians: Density = DENSITY
     """Gaussians of the head without hair (tick)."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    """Where the networks run."""
+    """Where the networks run (tick)."""
     minutes: float = 20.0
     """Length of the run (soak, web)."""
     times: Count = 20
@@ -60,6 +69,7 @@ class Bench:
     def run(self) -> None:
         from app.terminal.thresholds import finish
 
+        check_taken(self, TAKEN_BY, self.what, "benches")
         outputs.check("--report", self.report, outputs.REPORTS)
         confirm.overwriting([self.report])
         if not 0 < self.minutes <= MAX_MINUTES:

@@ -44,6 +44,10 @@ class Calibrate:
                 f"{'several' if self.eyes or self.session else 'none'}; "
                 "try livedrive calibrate --eyes uvc:0"
             )
+        if self.web is not None and not self.eyes:
+            raise InputError(
+                "--web: expected --eyes, whose wearer it shows the targets; leave it away"
+            )
         if self.undo:
             back = kept.undo(path)
             print(f"{path.resolve()} is as it was before" if back else "no calibration is in use")

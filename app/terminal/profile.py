@@ -10,6 +10,7 @@ What stands on the command line comes after it, and so wins.
 """
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, cast
 
@@ -17,6 +18,7 @@ from sensors import files, folders
 from sensors.types import InputError
 
 NAME = "run.toml"
+OVERRULED_BY = {"--headless": "--window", "--window": "--headless"}  # one run cannot be both
 
 
 def path() -> Path:
@@ -24,18 +26,21 @@ def path() -> Path:
     return folders.config() / NAME
 
 
-def words(file: Path) -> list[str]:
-    """The file as words of a command line; none where there is no file. InputError where it is not
-    TOML, or a value is of no kind that an option takes."""
+def words(file: Path, given: Sequence[str] = ()) -> list[str]:
+    """The file as words of a command line, but for those that `given` ones overrule; none where
+    there is no file. InputError where it is not TOML, or a value is of no kind that an option
+    takes."""
     if not files.check_regular(file).exists():
         return []
     try:
-        found = tomllib.loads(files.read_text(file))
+        found = tomllib.loads(files.read_text(file).removeprefix("\ufeff"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{file}: expected TOML, got {error}; mend or remove it") from None
     made: list[str] = []
     for name, value in found.items():
-        made += _option(name, value, file)
+        option = _option(name, value, file)
+        if OVERRULED_BY.get(option[0] if option else "") not in given:
+            made += option
     return made
 
 
@@ -52,4 +57,8 @@ def _option(name: str, value: Any, file: Path) -> list[str]:
             f"{file}: expected {name} to be a text, a number, true, false or a list of such, got "
             f"{shown!r}; see livedrive run -h"
         )
-    return [option, *map(str, values)]
+    return [option, *(str(Path(v).expanduser() if _is_home(v) else v) for v in values)]
+
+
+def _is_home(value: Any) -> bool:
+    return isinstance(value, str) and value.startswith("~/")

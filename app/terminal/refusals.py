@@ -4,11 +4,26 @@ Its boxes speak of Python's types, and of None, which nobody can type.
 """
 
 import re
+from collections.abc import Sequence
+from itertools import pairwise
+
+from sensors.types import InputError
 
 NUMBERS = {
     r"invalid literal for int\(\) with base 10: (.*)": "expected a whole number, got {}",
     r"could not convert string to float: (.*)": "expected a number, got {}",
 }
+
+
+def check_empty(words: Sequence[str]) -> None:
+    """Raise InputError for an empty value, a script's empty variable: as a path it would be the
+    current folder."""
+    for before, word in pairwise(words):
+        option = word[:-1] if re.fullmatch(r"--[\w-]+=", word) else ""
+        if word == "" or option:
+            name = option or (before if before.startswith("--") else "")
+            what, rest = (f"{name}: ", f" {name}") if name else ("", " it")
+            raise InputError(f"{what}expected a value, got an empty word; leave{rest} away")
 
 
 def one_line(

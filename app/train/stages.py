@@ -44,6 +44,8 @@ def run_stage(settings: TrainSettings) -> None:
     """Run one stage. The teacher, states and streams live in `data`, a variant in its folder."""
     overrides = _overrides(settings)
     options.check(settings)
+    if settings.out:  # not after hours of training
+        files.check_folder(settings.out, "--out", "choose another")
     if settings.stage == "landmarks":
         from app.train.landmarks import make
 

@@ -84,7 +84,7 @@ def _usb(target: CameraTarget, clock: Clock) -> Connect:
 def _file(target: CameraTarget, clock: Clock) -> Connect:
     from sensors.cameras.video import PlayedCameraLink, file_pictures
 
-    path = Path(target.text)
+    path = Path(target.text).expanduser()
     with open_video(path) as container:
         picture = container.streams.video[0].codec_context
         width, height = picture.width, picture.height
@@ -100,7 +100,7 @@ def _file(target: CameraTarget, clock: Clock) -> Connect:
 def _session(target: CameraTarget, clock: Clock) -> Connect:
     from sensors.cameras.video import PlayedCameraLink, session_pictures
 
-    path = Path(target.text)
+    path = Path(target.text).expanduser()
     with Recording(path) as recording:
         if not recording.eyes:
             raise InputError(

@@ -94,20 +94,34 @@ class PlayedCameraLink:
 
 
 def file_pictures(path: Path) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """Pictures of a video file, in an endless loop."""
-    start_ns = 0
+    """Pictures of a video file at its own times, in an endless loop."""
+    *times_ns, length_ns = _times_ns(path)
+    start_ns = whole = 0
     while True:
         with open_video(path) as container:
-            stream = container.streams.video[0]
-            period_ns = int(NS / (stream.average_rate or FPS))
-            count = whole = 0
-            for count, picture in enumerate(pictures_of(container), 1):
+            for t_ns, picture in zip(times_ns, pictures_of(container), strict=False):
                 if picture is not None:
                     whole += 1
-                    yield start_ns + (count - 1) * period_ns, picture
+                    yield start_ns + t_ns, picture
         if not whole:
             return
-        start_ns += count * period_ns
+        start_ns += length_ns
+
+
+def _times_ns(path: Path) -> list[int]:
+    """When each picture of a video is shown, and when the last one is over; evenly spread where
+    the file tells no times."""
+    with open_video(path) as container:
+        stream = container.streams.video[0]
+        period_ns = int(NS / (stream.average_rate or FPS))
+        stamps = [packet.pts for packet in container.demux(stream) if packet.size]
+        base = stream.time_base
+    even = [k * period_ns for k in range(len(stamps) + 1)]
+    if not stamps or None in stamps or len(set(stamps)) < len(stamps):
+        return even
+    stamps.sort()  # packets lie in the order of decoding
+    own = [int((stamp - stamps[0]) * base * NS) for stamp in stamps]
+    return [*own, own[-1] + period_ns]
 
 
 def session_pictures(folder: Path) -> Iterator[tuple[int, NDArray[np.uint8]]]:

@@ -30,9 +30,13 @@ class Views:
         image: NDArray[np.uint8],  # [H, W]
         k: int,  # of the eyes from left to right
     ) -> NDArray[np.uint8]:
-        """[400, 400]. Raises BadPictureError where the crop leaves too little."""
+        """[400, 400]. Raises BadPictureError where the crop reaches beyond the picture, or leaves
+        too little."""
         if self.crop is not None:
             x, y, width, height = self.crop
+            if x + width > image.shape[1] or y + height > image.shape[0]:
+                wide, high = image.shape[1], image.shape[0]
+                raise BadPictureError(f"a crop beyond the picture of {wide} x {high}; check crop=")
             image = image[y : y + height, x : x + width]
         half = image.shape[1] // len(self.eyes)
         if min(half, image.shape[0]) < MIN_SIDE:

@@ -63,10 +63,15 @@ def _address(spec: str, port: int) -> tuple[str, int]:
     return parts.hostname or LOOPBACK, number
 
 
+def _path(spec: str) -> Path:
+    """What follows the scheme; no shell expands a `~` there."""
+    return Path(spec.partition(":")[2]).expanduser()
+
+
 def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
     from sensors.session.recording import Recording
 
-    with Recording(Path(spec.partition(":")[2])) as recording:
+    with Recording(_path(spec)) as recording:
         poses = [
             packet for e in recording.heads if isinstance(packet := recording.packet(e), HeadPacket)
         ]
@@ -74,7 +79,7 @@ def _session(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
 
 
 def _file(spec: str, clock: Clock, tell: Tell) -> Callable[[], HeadLink]:
-    path = Path(spec.partition(":")[2])
+    path = _path(spec)
     if not path.is_file():
         raise InputError(f"--head: expected a Live Link Face CSV, got no file {path}; check it")
     return _played(spec, list(livelink.read_csv(path)), clock)

@@ -13,9 +13,19 @@ from numpy.typing import NDArray
 from sensors.session.opening import opened
 from sensors.types import InputError
 
+START_S = 0.04  # a stream that begins later than the file by less begins with it
+
+
+def start_s(container: Any, stream: Any) -> float:
+    """How much later a stream begins than the first one of its file."""
+    if stream.start_time is None or container.start_time is None:
+        return 0.0
+    late = float(stream.start_time * stream.time_base) - container.start_time / 1e6
+    return late if late > START_S else 0.0
+
 
 class AvSound:
-    """The first sound stream of a file, read once from front to end."""
+    """The first sound stream of a file, read once from front to end; silence until it begins."""
 
     frames = 0  # not known before the end
 
@@ -28,7 +38,10 @@ class AvSound:
         self.samplerate = int(streams[0].rate)
         length, base = streams[0].duration, streams[0].time_base
         self.seconds = float(length * base) if length and base else None  # None: not known
-        self._blocks = self._decode(streams[0])
+        late = start_s(self._container, streams[0])
+        if self.seconds is not None:
+            self.seconds += late
+        self._blocks = self._decode(streams[0], round(late * self.samplerate))
         self._rest = np.zeros((0, 1), np.float32)
 
     def read(self, num: int, **_: object) -> NDArray[np.float32]:  # [n <= num, channels]
@@ -43,11 +56,13 @@ class AvSound:
         self._rest = found[num:]
         return found[:num]
 
-    def _decode(self, stream: Any) -> Iterator[NDArray[np.float32]]:
+    def _decode(self, stream: Any, silent: int) -> Iterator[NDArray[np.float32]]:
         import av
         from av import error as av_error
 
         layout = "stereo" if stream.channels == 2 else "mono"  # of two, one may be dead
+        if silent:
+            yield np.zeros((silent, 2 if layout == "stereo" else 1), np.float32)
         to_float = av.AudioResampler(format="fltp", layout=layout, rate=self.samplerate)
         try:
             frames = cast(Iterator[Any], self._container.decode(stream))

@@ -102,6 +102,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             samples += entry.num_samples
             expected = entry.first_sample + entry.num_samples
         held = [f for f in recording.folder.iterdir() if f.is_file()]
+        start_ns = min((entry.t_ns for entry in recording.entries), default=0)
         return {
             "folder": str(recording.folder),
             "version": recording.card["version"],
@@ -113,7 +114,7 @@ def info(folder: str | Path) -> dict[str, Any]:
             "audio_samples": samples,
             "audio_gaps": gaps,
             "audio_lost_samples": missing,
-            "eyes": {EYE_NAMES[eye]: _eye_info(s) for eye, s in recording.eyes.items()},
+            "eyes": {EYE_NAMES[k]: _eye_info(s, start_ns) for k, s in recording.eyes.items()},
             "emotions": sum(isinstance(entry, EmotionEntry) for entry in recording.entries),
             "requests": sum(isinstance(entry, RequestEntry) for entry in recording.entries),
             "head_poses": len(recording.heads),
@@ -192,8 +193,9 @@ def _eye_packets(eye: int, path: Path, half: Any) -> Iterator[EyePacket]:
         yield EyePacket(t_ns, eye, counter, image)
 
 
-def _eye_info(stream: EyeStream) -> dict[str, Any]:
-    """`missing`: pictures that the timeline has and the video, which was cut, has not."""
+def _eye_info(stream: EyeStream, start_ns: int) -> dict[str, Any]:
+    """Times from the session's start. `missing`: pictures that the timeline has and the video,
+    which was cut, has not."""
     times = stream.t_ns
     held = count_pictures(stream.path)
     span_ns = int(times[-1] - times[0])
@@ -201,7 +203,7 @@ def _eye_info(stream: EyeStream) -> dict[str, Any]:
         "pictures": len(times),
         "missing": sum(entry.picture >= held for entry in stream.entries),
         "rate_hz": round((len(times) - 1) * NS / span_ns, 3) if span_ns > 0 else 0.0,
-        "first_s": round(int(times[0]) / NS, 6),
-        "last_s": round(int(times[-1]) / NS, 6),
+        "first_s": round((int(times[0]) - start_ns) / NS, 6),
+        "last_s": round((int(times[-1]) - start_ns) / NS, 6),
         "codec": stream.codec,
     }

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.picture import gray
-from sensors.session.av_sound import AvSound
+from sensors.session.av_sound import AvSound, start_s
 from sensors.session.eye_video import SIDE_BY_SIDE, open_video
 from sensors.session.opening import check_there
 from sensors.types import EYE_SIZE, FPS, NS, SAMPLE_RATE, InputError
@@ -78,7 +78,8 @@ def eye_pictures(
     path: Path,
     half: Literal["left", "right"] | None = None,  # of a video that shows both eyes side by side
 ) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """(time, picture [400, 400]) of any video. The first picture's exposure starts at 0.
+    """(time, picture [400, 400]) of any video. The exposure of the first picture starts at 0, or as
+    much later as its stream does than the sound of the same file.
 
     A picture exists when its frame interval is over, as a SensorFrame does: picture k of a 30 FPS
     video is what frame k sees, one to one. Times come from the picture count wherever the
@@ -100,7 +101,7 @@ def eye_pictures(
                 f"{width} x {height}; give two videos, left and right"
             )
         rate = Fraction(stream.average_rate or stream.guessed_rate or FPS)
-        first_pts, count = None, 0
+        first_pts, count, late = None, 0, start_s(container, stream)
         frames = container.decode(stream)
         while True:
             try:
@@ -114,7 +115,7 @@ def eye_pictures(
                 seconds = (frame.pts - first_pts) * frame.time_base + 1 / rate
                 own_ns = int(seconds * NS)
                 t_ns = t_ns if abs(own_ns - t_ns) <= TIME_ROUNDING_NS else own_ns
-            yield t_ns, _square(frame, half)
+            yield t_ns + round(late * NS), _square(frame, half)
     if count == 0:
         raise InputError(f"{path}: expected eye pictures, got none that decode; check the file")
 

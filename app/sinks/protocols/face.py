@@ -63,6 +63,8 @@ def read_gains(path: Path) -> tuple[NDArray[np.float32], ...]:
     """A gains file as gain [52], low [52], high [52]; raise InputError where it is wrong."""
     try:
         channels: dict[str, Any] = files.read_json(path)
+    except InputError:
+        raise
     except ValueError as error:
         raise InputError(f"{path}: expected JSON, got {error}; correct the file") from error
     if not isinstance(channels, dict):  # pyright: ignore[reportUnnecessaryIsInstance]

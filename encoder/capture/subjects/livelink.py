@@ -24,9 +24,14 @@ class LivelinkTake:
     weights: np.ndarray  # [N, K] float32 0..1
 
     def at_frames(self, num_frames: int) -> np.ndarray:
-        """[T, K] at 30 FPS; frame k is read at the end of its 1600 samples, ends are held."""
+        """[T, K] at 30 FPS; frame k is read at the end of its 1600 samples, ends are held.
+
+        A row tells what was seen until the next one, as a picture of a video does, and as
+        `--arkit` writes it: row k of 30 a second is what frame k sees.
+        """
         times = (np.arange(num_frames) + 1) / FPS
-        return np.stack([np.interp(times, self.times, c) for c in self.weights.T], 1)
+        seen = self.times + self.times[-1] / (len(self.times) - 1)
+        return np.stack([np.interp(times, seen, c) for c in self.weights.T], 1)
 
     def rig(self, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
         """Curves [T, 53] and tongue [T, 3] at 30 FPS."""

@@ -46,7 +46,7 @@ def test_a_take_becomes_a_session_with_motion(tmp_path, capsys):
     assert json.loads(capsys.readouterr().out.split("\nnext:")[0])["frames"] == 96
     with np.load(tmp_path / "s" / "motion.npz", allow_pickle=False) as motion:
         jaw = motion["arkit"][:, list(motion["arkit_names"]).index("jawOpen")]
-        np.testing.assert_allclose(jaw[:80], (np.arange(80) + 1) / 90, atol=2e-3)
+        np.testing.assert_allclose(jaw[:80], np.arange(80) / 90, atol=2e-3)  # row k in frame k
         assert motion["rig"].shape == (96, 53) and motion["gaze"].shape == (96, 2, 3)
         assert motion["t_ns"][29] == 1_000_000_000
 

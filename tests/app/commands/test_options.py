@@ -37,6 +37,8 @@ def test_an_address_without_a_page_is_told() -> None:
         DriveOptions(host="0.0.0.0").settings(realtime=False, draw=True, title="")
     with pytest.raises(InputError, match="--host ::: expected a page"):
         Calibrate(host="::", eyes=("uvc:0",)).run()
+    with pytest.raises(InputError, match="--web: expected --eyes"):
+        Calibrate(web=8443, undo=True).run()
     with pytest.raises(InputError, match="--host: expected an address, got ''"):
         DriveOptions(host="", web=8443).settings(realtime=False, draw=True, title="")
     shown = DriveOptions(host="0.0.0.0", web=8443).settings(realtime=False, draw=True, title="")

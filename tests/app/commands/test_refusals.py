@@ -27,6 +27,7 @@ WRONG = {
     "eval emotion d --segments 0": "--segments: expected 1 or more, got 0; see: livedrive eval",
     "call foo": "call: expected host, join, server, bridge, test, got foo; see: livedrive call -h",
     "meet": "expected replay, run, record, ",
+    "bench tick --minutes 1": "--minutes: expected one of the benches soak, web, got tick; leave",
     "avatar": "avatar: expected list, show, turn, create, export, got none; see: livedrive avatar",
     "replay": "replay: expected folder of the session, e.g. recordings/demo, got none; see:",
     "avatar show --bogus": "avatar show: expected name, got none; see: livedrive avatar show -h",
@@ -71,3 +72,20 @@ def test_help_is_whole(capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as ended:
         run(["run", "-h"])
     assert not ended.value.code and "--seconds" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["replay", "recordings/smoke", "--pictures="], "--pictures: expected a value, got an"),
+        (["replay", "recordings/smoke", "--pictures", ""], "word; leave --pictures away"),
+        (["session", "create", "", "--audio", "x"], "livedrive: expected a value, got an empty"),
+    ],
+)
+def test_an_empty_word_is_no_folder(
+    words: list[str], told: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Red before: with = it was the current folder, and else a word before it was blamed."""
+    with pytest.raises(SystemExit):
+        run(words)
+    assert told in capsys.readouterr().err

@@ -64,3 +64,32 @@ def test_an_unknown_option_is_told(
         run(monkeypatch)
     told = capsys.readouterr().err
     assert str(profile.path()) in told and "--microphone" in told and not ran
+
+
+def test_what_cannot_be_both_follows_the_command_line(
+    ran: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: `run --window` was refused for a `headless = true` in the file."""
+    profile.path().write_text("headless = true\n")
+    run(monkeypatch, "--window")
+    assert ran[0].window and not ran[0].headless
+
+
+def test_a_home_folder_is_found_as_a_shell_finds_it(
+    ran: list[Run], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Red before: a folder named ~ was made. Some editors begin a file with a mark."""
+    profile.path().write_text('\ufeffweights = "~/w"\n', encoding="utf-8")
+    run(monkeypatch)
+    assert ran[0].weights == Path.home() / "w"
+
+
+def test_the_file_is_not_blamed_for_the_command_line(
+    ran: list[Run], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    profile.path().write_text("size = 256\n")
+    for words in (("--sizee", "300"), ("--size",)):
+        with pytest.raises(SystemExit):
+            run(monkeypatch, *words)
+        assert "mend" not in capsys.readouterr().err
+    assert not ran

@@ -84,6 +84,13 @@ def test_what_a_stage_does_not_take_is_told(
         Train(stage=stage, out=tmp_path, **given).run()
 
 
+def test_a_folder_that_cannot_be_written_is_told_before_training(tmp_path: Path) -> None:
+    """Red before: after it, which may be hours."""
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="file.* choose another"):
+        Train(stage="audio", data=tmp_path / "no data", out=tmp_path / "file").run()
+
+
 @pytest.mark.parametrize("is_whole", [False, True])
 def test_damaged_face_data_is_told_in_a_line(is_whole: bool, tmp_path: Path) -> None:
     """Red before: a traceback, of zipfile or of the first array that it lacks."""

@@ -78,6 +78,8 @@ def test_crop_comes_first() -> None:
     image = picture(480, 1000)
     eyes = views(replace(profile("custom"), crop=(100, 40, 800, 400)), image)
     assert np.array_equal(eyes[1], image[40:440, 500:900])
+    with pytest.raises(BadPictureError, match="beyond the picture of 1000 x 480"):
+        views(replace(profile("custom"), crop=(100, 40, 901, 400)), image)
     with pytest.raises(BadPictureError):
         views(replace(profile("custom"), crop=(990, 0, 10, 10)), image)
 

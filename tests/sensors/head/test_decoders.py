@@ -107,6 +107,14 @@ def test_a_take_is_read(tmp_path: Path) -> None:
     assert livelink.angles(last.pose) == pytest.approx((0, 0.2, 0), abs=1e-9)
 
 
+def test_rows_without_a_face_are_left_out_by_both_spellings(tmp_path: Path) -> None:
+    """Red before: by `BlendshapeCount` they were taken for a face at rest."""
+    path = take(tmp_path, "10:00:00:00.0,61,0.1,0,0", "10:00:00:10.0,0,0,0,0")
+    assert len(list(livelink.read_csv(path))) == 1
+    path.write_text(path.read_text().replace("BlendShape", "Blendshape"))
+    assert len(list(livelink.read_csv(path))) == 1
+
+
 def test_a_take_over_midnight_goes_on(tmp_path: Path) -> None:
     """Red before: what came after midnight was left out, without a word."""
     rows = ("23:59:59:15.0,61,0.1,0,0", "23:59:59:29.0,61,0.1,0,0", "00:00:00:15.0,61,0,0.2,0")
