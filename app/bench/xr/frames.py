@@ -34,7 +34,7 @@ def measure_frames(avatar: str) -> tuple[str, dict[str, float]]:
     metrics: dict[str, float] = {}
     table = Table("on the head", "Gaussians", "stereo frame ms", "a sort ms")
     for density in tqdm(DENSITIES, unit="case", disable=None):
-        scene = Scene(context, XrInfo("auto", avatar, gaussians=density))
+        scene = Scene(context, XrInfo("auto", avatar, gaussians=density), lambda: avatar)
         scene.close = lambda: None  # the context serves the next case, too
         times_ms, count = _frames_ms(context, scene), len(scene.cloud(0))
         sort_ms = _sort_ms(count)
