@@ -22,6 +22,7 @@ from app.eval.speech.following import (
     tracked_folder,
     tracked_takes,
 )
+from sensors.types import InputError
 
 if TYPE_CHECKING:
     from app.eval.speech.settings import SpeechSettings
@@ -51,6 +52,7 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
     folder = tracked_folder(settings.mocap)
     mesh = face_mesh(settings.avatar)
     drivers = drivers_of(data, settings.weights)
+    check_enough(list(drivers))
     takes = {name: list(tracked_takes(folder, name)) for name in drivers}
     sounds = {name: [take.audio for take in takes[name][:2]] for name in takes}
     below = {name: babble(everyone_but(name, sounds), settings.seed) for name in takes}
@@ -96,6 +98,15 @@ def evaluate(data: Path, settings: "SpeechSettings") -> None:
     facts = {"seed": settings.seed, "avatar": settings.avatar}
     rounded = {name: round(value, 4) for name, value in metrics.items()}
     finish({"metrics": rounded, "bars": thresholds, **facts}, settings.report)
+
+
+def check_enough(talkers: Sequence[str]) -> None:
+    """Raise InputError unless there are others who talk beside each."""
+    if len(talkers) < 2:
+        raise InputError(
+            "--leave-one-out: expected students of two talkers or more (others talk beside each), "
+            f"got {', '.join(talkers)}; run livedrive train listen --leave-out grid-s2, and so on"
+        )
 
 
 def averaged(draws: Sequence[dict[str, float]]) -> dict[str, float]:

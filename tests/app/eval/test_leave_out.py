@@ -1,8 +1,10 @@
 """Sounds that talkers left out are heard through."""
 
 import numpy as np
+import pytest
 
-from app.eval.speech.leave_out import averaged, babble, everyone_but, telephone
+from app.eval.speech.leave_out import averaged, babble, check_enough, everyone_but, telephone
+from sensors.types import InputError
 
 
 def test_babble_is_10_db_below_and_other_voices_each_time() -> None:
@@ -33,3 +35,10 @@ def test_a_telephone_passes_1_khz_and_stops_5() -> None:
     time = np.arange(48_000) / 48_000
     low, high = (telephone()(np.sin(2 * np.pi * hz * time)).std() for hz in (1000, 5000))
     assert low > 0.69 and high < 0.08
+
+
+def test_one_talker_alone_is_told() -> None:
+    """Red before: a traceback after minutes, as nobody was left to talk beside."""
+    with pytest.raises(InputError, match="two talkers or more .* got grid-s2; run livedrive"):
+        check_enough(["grid-s2"])
+    check_enough(["grid-s2", "facegood"])
