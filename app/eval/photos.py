@@ -7,6 +7,7 @@ the same identity shapes as the people that shapes are learned from; a scan of a
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -72,7 +73,7 @@ def evaluate(settings: PhotosSettings) -> None:
     from render.gl.contexts import create_context
 
     context = create_context()
-    maker, detector = Maker(context=context), FaceDetector()
+    maker = Maker(context=context)
     studio = photographed.PhotoStudio(settings.face, maker, context)
     table = places.load()
     known, people = shapes.build(maker, table), point_shapes.load()
@@ -81,18 +82,20 @@ def evaluate(settings: PhotosSettings) -> None:
         return known.through(person.fitted(maker, table, people, photos).points).astype(np.float32)
 
     found = PeopleFigures()
-    for index in tqdm(range(settings.people), desc="people", disable=None):
-        sitter = studio.sitter(index, settings.seed, detector)
-        _measure(studio, sitter, made_of, found)
-        start = time.process_time()
-        avatar = person.make(maker, sitter.photos[:PAINTED], lambda stage, done: None)
-        found.seconds.append(time.process_time() - start)
-        found.painted.append(avatar.skin)
-        found.eyes.append(avatar.eye == sitter.eye)
-        if settings.picture:
-            found.rows.append(studio.beside(sitter, avatar))
-    metrics = _of_people(found) | _of_scan(studio, *studio.scan(settings.seed, detector), made_of)
-    detector.close()
+    with closing(FaceDetector()) as detector:
+        for index in tqdm(range(settings.people), desc="people", disable=None):
+            sitter = studio.sitter(index, settings.seed, detector)
+            _measure(studio, sitter, made_of, found)
+            start = time.process_time()
+            avatar = person.make(maker, sitter.photos[:PAINTED], lambda stage, done: None)
+            found.seconds.append(time.process_time() - start)
+            found.painted.append(avatar.skin)
+            found.eyes.append(avatar.eye == sitter.eye)
+            if settings.picture:
+                found.rows.append(studio.beside(sitter, avatar))
+        metrics = _of_people(found) | _of_scan(
+            studio, *studio.scan(settings.seed, detector), made_of
+        )
     metrics[f"{PAINTED}/eye_colour_found"] = float(np.mean(found.eyes))
     metrics["cpu_seconds_median"] = float(np.median(found.seconds))
     for name, value in metrics.items():
