@@ -3,8 +3,9 @@
 To add a protocol: a file in app/sinks/protocols/ with its encoder, and a row here.
 """
 
+import sys
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 from urllib.parse import unquote, urlsplit
@@ -13,7 +14,7 @@ from sensors.types import Clock, InputError
 
 if TYPE_CHECKING:
     from app.sinks.protocols.face import Encoder
-    from app.sinks.protocols.send import Renewed, SendSink
+    from app.sinks.protocols.send import Place, Renewed, SendSink
     from app.web.sink import WebSink
     from render.decoder.decoder import Decoder
 
@@ -56,15 +57,18 @@ class Outlet:
         self._reader = FaceReader(decoder, gains)
         self._sender: SendSink | None = None
 
-    def datagrams(
-        self, address: Address, encode: "Encoder", renewed: "Renewed | None" = None
-    ) -> "SendSink":
+    def datagrams(self, address: Address, encode: "Encoder") -> "SendSink":
         """Send every tick to the address over UDP."""
+        from app.sinks.protocols.send import Place
+
+        return self.followed(address.url, Place(address.host, address.port, encode), None)
+
+    def followed(self, url: str, place: "Place | None", renewed: "Renewed | None") -> "SendSink":
+        """The same to a place that may change, or is not known yet."""
         from app.sinks.protocols.send import Receiver, SendSink
 
         self._sender = self._sender or SendSink(self._reader)
-        receiver = Receiver(address.url, address.host, address.port, encode, renewed)
-        self._sender.receivers.append(receiver)
+        self._sender.receivers.append(Receiver(url, place, renewed))
         return self._sender
 
 
@@ -76,25 +80,30 @@ def _vmc(address: Address, outlet: Outlet) -> "SendSink":
 
 def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
     """The path is the prefix of the parameters; the host `auto` is looked for, and asked which of
-    them its avatar has as bits, then again as avatars may change."""
+    them its avatar has as bits, then again as it may start late and avatars may change."""
     from app.sinks.protocols import oscquery
+    from app.sinks.protocols.send import Place
     from app.sinks.protocols.vrchat import PREFIX, VRChatEncoder
 
     if address.host != "auto":
         return outlet.datagrams(address, VRChatEncoder(address.path or PREFIX))
     there = oscquery.find()
+    if there is None:
+        print(f"livedrive: {address.url}: no VRChat with OSC on is here yet", file=sys.stderr)
 
-    def encoder() -> VRChatEncoder:
+    def place() -> Place | None:
+        if there is None:
+            return None
         path = address.path or there.prefix or PREFIX
-        return VRChatEncoder(path, there.bits if path == there.prefix else None)
+        bits = there.bits if path == there.prefix else None
+        return Place(there.host, there.port, VRChatEncoder(path, bits))
 
-    def renewed() -> VRChatEncoder | None:
+    def renewed() -> Place | None:
         nonlocal there
         before, there = there, oscquery.again(there)
-        return None if there == before else encoder()
+        return None if there == before else place()
 
-    found = replace(address, host=there.host, port=there.port)
-    return outlet.datagrams(found, encoder(), renewed)
+    return outlet.followed(address.url, place(), renewed)
 
 
 def _livelink(address: Address, outlet: Outlet) -> "SendSink":

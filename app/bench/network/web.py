@@ -110,7 +110,8 @@ def _send(clock: Clock, driven: list[DrivenFrame], avatar: str, seconds: float) 
     urls = [f"{scheme}://127.0.0.1:{port}" for scheme, port in zip(SCHEMES, ports, strict=True)]
     (sender,) = open_all(urls, Outlet(decoder, avatar, clock))
     assert isinstance(sender, SendSink)
-    parts = [len(receiver.encode(reader(driven[0]))) for receiver in sender.receivers]
+    face = reader(driven[0])
+    parts = [len(receiver.encode(face)) for receiver in sender.receivers if receiver.encode]
     server = WebSink(ServerInfo(LOOPBACK, 0, avatar, page=False), clock)
     sinks = [sender, server, AddressPipe(server, receivers.stdin)]
     ticks = _play(clock, driven, sinks, seconds, "sending")

@@ -41,37 +41,37 @@ class VRChat:
     told: bool = field(default=True, compare=False, repr=False)  # False: parameters were not told
 
 
-def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
-    """The one VRChat here, told to the user. Raises InputError where there is none, or several."""
-    where = _find(seconds, interfaces)
-    face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
-    bits = f", {len(where.bits)} of them as bits" if where.bits else ""
-    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}{bits}", file=sys.stderr)
-    return where
-
-
-def again(there: VRChat) -> VRChat:
-    """What VRChat takes now, as its user may have changed the avatar, or started it anew; `there`
-    where it does not answer in time, or gets OSC elsewhere."""
-    now = asyncio.run(_ask(there.asked)) if there.asked else None
-    if now is None:
-        with contextlib.suppress(InputError):
-            now = _find()
-    same = now and now.told and (now.host, now.port) == (there.host, there.port)
-    return now if now and same else there
-
-
-def _find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat:
+def find(seconds: float = 3.0, interfaces: Sequence[str] | None = None) -> VRChat | None:
+    """The one VRChat here, told to the user; None where there is none, or none yet. Raises
+    InputError where there are several."""
     asked = list(announced(SERVICE, "--send vrchat://auto", seconds, interfaces))
     clients = [service for service in asked if service.name.startswith(CLIENT)]
     found = [v for service in clients if (v := asyncio.run(_ask(service))) is not None]
-    if len({(v.host, v.port) for v in found}) != 1:
-        got = "several: " + ", ".join(f"{v.host}:{v.port}" for v in found) if found else "none"
+    if len({(v.host, v.port) for v in found}) > 1:
+        got = ", ".join(f"{v.host}:{v.port}" for v in found)
         raise InputError(
-            f"--send vrchat://auto: expected one VRChat with OSC on, got {got}; switch OSC on in "
-            "its menu, or name one: --send vrchat://HOST:9000"
+            f"--send vrchat://auto: expected one VRChat with OSC on, got several: {got}; name one: "
+            "--send vrchat://HOST:9000"
         )
-    return found[0]
+    if found:
+        _tell(found[0])
+    return found[0] if found else None
+
+
+def _tell(where: VRChat) -> None:
+    face = f"parameters of the face below {where.prefix}" if where.prefix else "no face parameters"
+    bits = f", {len(where.bits)} of them as bits" if where.bits else ""
+    print(f"livedrive: VRChat at {where.host}:{where.port}, {face}{bits}", file=sys.stderr)
+
+
+def again(there: VRChat | None) -> VRChat | None:
+    """What VRChat takes now, as its user may have changed the avatar, or started it late or anew;
+    `there` where nothing answers in time."""
+    now = asyncio.run(_ask(there.asked)) if there and there.asked else None
+    if now is None:
+        with contextlib.suppress(InputError):
+            now = find()
+    return now if now and now.told else there
 
 
 async def _ask(service: Announced) -> VRChat | None:

@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,36 +27,47 @@ COSTS = 30 * 60 * 10  # the last ten minutes of ticks: what they cost is remembe
 SURE = 3  # ticks without a refusal after which a receiver counts as met again
 JOIN_S = 2.0
 RENEW_S = 5.0  # between two questions what a receiver takes
-Renewed = Callable[[], Encoder | None]  # asks the receiver, which may take seconds; None: as before
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a face is sent, and in which words."""
+
+    host: str
+    port: int
+    encode: Encoder
+
+
+Renewed = Callable[[], Place | None]  # asks the receiver, which may take seconds; None: as before
 
 
 class Receiver:
     """One receiver. UDP asks nobody; that no one listens is heard only from this machine."""
 
-    def __init__(
-        self, url: str, host: str, port: int, encode: Encoder, renewed: Renewed | None = None
-    ) -> None:
-        """Raises InputError at a host that cannot be found, or not be sent to."""
-        self.url, self.encode, self.renewed = url, encode, renewed
-        try:
-            family, kind, protocol, _, address = socket.getaddrinfo(
-                host, port, type=socket.SOCK_DGRAM
-            )[0]
-            self._socket = socket.socket(family, kind, protocol)
-            self._socket.setblocking(False)
-            self._socket.connect(address)  # refused by the system: an address of many, or no way
-        except (OSError, UnicodeError) as error:
-            raise InputError(
-                f"--send {url}: expected a host that can be sent to, got {error}; try 127.0.0.1"
-            ) from error
+    def __init__(self, url: str, place: Place | None, renewed: Renewed | None = None) -> None:
+        """place: None: not known yet, `renewed` will tell. Raises InputError at a host that cannot
+        be found, or not be sent to."""
+        self.url, self.renewed = url, renewed
         self.sent, self.lost, self.reconnects = 0, 0, 0  # ticks, ticks, times it was met again
         self._heard = SURE  # ticks since it was last refused
         self._cost_ns = np.full((COSTS, 2), 0, np.int64)  # wall, this thread's CPU; nothing grows
+        self._socket: socket.socket | None = None
+        self.encode: Encoder | None = None
+        if place:
+            self.turn(place)
+
+    def turn(self, place: Place) -> None:
+        """From now on there, while another thread sends. Raises InputError as above."""
+        before, self._socket = self._socket, self._connected(place)
+        self.encode = place.encode
+        if before:
+            before.close()
 
     def send(self, face: NamedFace) -> None:
         start_ns, start_cpu_ns = time.perf_counter_ns(), time.thread_time_ns()
-        arrived = [self._post(datagram) for datagram in self.encode(face)]
-        if all(arrived):
+        datagrams = self.encode(face) if self.encode else []
+        arrived = [self._post(datagram) for datagram in datagrams]
+        if self.encode and all(arrived):
             self.sent += 1
             self._heard += 1
             self.reconnects += self._heard == SURE
@@ -77,10 +89,27 @@ class Receiver:
         return {"sent": self.sent, "lost": self.lost, "reconnects": self.reconnects, **costs}
 
     def close(self) -> None:
-        self._socket.close()
+        if self._socket:
+            self._socket.close()
+
+    def _connected(self, place: Place) -> socket.socket:
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(
+                place.host, place.port, type=socket.SOCK_DGRAM
+            )[0]
+            made = socket.socket(family, kind, protocol)
+            made.setblocking(False)
+            made.connect(address)  # refused by the system: an address of many, or no way
+        except (OSError, UnicodeError) as error:
+            raise InputError(
+                f"--send {self.url}: expected a host that can be sent to, got {error}; "
+                "try 127.0.0.1"
+            ) from error
+        return made
 
     def _post(self, datagram: bytes) -> bool:
         """False: refused. The refusal is that of the last datagram, so this one goes out anyway."""
+        assert self._socket
         try:
             self._socket.send(datagram)
             return True
@@ -138,5 +167,6 @@ class SendSink:
     def _renew(self) -> None:
         while not self._closing.wait(RENEW_S):
             for receiver in self.receivers:
-                if receiver.renewed and (encode := receiver.renewed()):
-                    receiver.encode = encode
+                if receiver.renewed and (place := receiver.renewed()):
+                    with contextlib.suppress(InputError):  # gone again
+                        receiver.turn(place)
