@@ -14,7 +14,7 @@ from sensors.types import Clock, InputError
 
 if TYPE_CHECKING:
     from app.sinks.protocols.face import Encoder
-    from app.sinks.protocols.send import Place, Renewed, SendSink
+    from app.sinks.protocols.send import Destination, Renewed, SendSink
     from app.web.sink import WebSink
     from render.decoder.decoder import Decoder
 
@@ -59,11 +59,13 @@ class Outlet:
 
     def datagrams(self, address: Address, encode: "Encoder") -> "SendSink":
         """Send every tick to the address over UDP."""
-        from app.sinks.protocols.send import Place
+        from app.sinks.protocols.send import Destination
 
-        return self.followed(address.url, Place(address.host, address.port, encode), None)
+        return self.followed(address.url, Destination(address.host, address.port, encode), None)
 
-    def followed(self, url: str, place: "Place | None", renewed: "Renewed | None") -> "SendSink":
+    def followed(
+        self, url: str, place: "Destination | None", renewed: "Renewed | None"
+    ) -> "SendSink":
         """The same to a place that may change, or is not known yet."""
         from app.sinks.protocols.send import Receiver, SendSink
 
@@ -82,7 +84,7 @@ def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
     """The path is the prefix of the parameters; the host `auto` is looked for, and asked which of
     them its avatar has as bits, then again as it may start late and avatars may change."""
     from app.sinks.protocols import oscquery
-    from app.sinks.protocols.send import Place
+    from app.sinks.protocols.send import Destination
     from app.sinks.protocols.vrchat import PREFIX, VRChatEncoder
 
     if address.host != "auto":
@@ -91,14 +93,14 @@ def _vrchat(address: Address, outlet: Outlet) -> "SendSink":
     if there is None:
         print(f"livedrive: {address.url}: no VRChat with OSC on is here yet", file=sys.stderr)
 
-    def place() -> Place | None:
+    def place() -> Destination | None:
         if there is None:
             return None
         path = address.path or there.prefix or PREFIX
         bits = there.bits if path == there.prefix else None
-        return Place(there.host, there.port, VRChatEncoder(path, bits))
+        return Destination(there.host, there.port, VRChatEncoder(path, bits))
 
-    def renewed() -> Place | None:
+    def renewed() -> Destination | None:
         nonlocal there
         before, there = there, oscquery.again(there)
         return None if there == before else place()

@@ -30,7 +30,7 @@ RENEW_S = 5.0  # between two questions what a receiver takes
 
 
 @dataclass(frozen=True)
-class Place:
+class Destination:
     """Where a face is sent, and in which words."""
 
     host: str
@@ -38,13 +38,15 @@ class Place:
     encode: Encoder
 
 
-Renewed = Callable[[], Place | None]  # asks the receiver, which may take seconds; None: as before
+Renewed = Callable[
+    [], Destination | None
+]  # asks the receiver, which may take seconds; None: as before
 
 
 class Receiver:
     """One receiver. UDP asks nobody; that no one listens is heard only from this machine."""
 
-    def __init__(self, url: str, place: Place | None, renewed: Renewed | None = None) -> None:
+    def __init__(self, url: str, place: Destination | None, renewed: Renewed | None = None) -> None:
         """place: None: not known yet, `renewed` will tell. Raises InputError at a host that cannot
         be found, or not be sent to."""
         self.url, self.renewed = url, renewed
@@ -56,7 +58,7 @@ class Receiver:
         if place:
             self.turn(place)
 
-    def turn(self, place: Place) -> None:
+    def turn(self, place: Destination) -> None:
         """From now on there, while another thread sends. Raises InputError as above."""
         before, self._socket = self._socket, self._connected(place)
         self.encode = place.encode
@@ -92,7 +94,7 @@ class Receiver:
         if self._socket:
             self._socket.close()
 
-    def _connected(self, place: Place) -> socket.socket:
+    def _connected(self, place: Destination) -> socket.socket:
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(
                 place.host, place.port, type=socket.SOCK_DGRAM

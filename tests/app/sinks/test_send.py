@@ -18,7 +18,7 @@ from app.drive.sink import FrameResult, RunInfo
 from app.face.arkit import ARKIT_NAMES
 from app.sinks.protocols.face import FaceReader, NamedFace
 from app.sinks.protocols.osc import MAX_DATAGRAM
-from app.sinks.protocols.send import QUEUE, Place, Receiver, SendSink
+from app.sinks.protocols.send import QUEUE, Destination, Receiver, SendSink
 from app.sinks.protocols.vmc import VmcEncoder, unity_turn
 from app.sinks.protocols.vrchat import EXPRESSIONS, STRONGER, VRChatEncoder
 from app.sinks.table import Outlet, open_all, parse
@@ -224,7 +224,7 @@ def test_an_address_of_everybody_is_refused() -> None:
     """Red before: the system's words, and nothing of which option."""
     url = "vmc://255.255.255.255:39539"
     with pytest.raises(InputError, match=f"--send {url}"):
-        Receiver(url, Place("255.255.255.255", 39539, VmcEncoder()))
+        Receiver(url, Destination("255.255.255.255", 39539, VmcEncoder()))
 
 
 def test_a_receiver_that_comes_late_is_counted_and_met(
@@ -271,7 +271,7 @@ def test_a_stuck_thread_never_holds_up_the_tick(
 
 def test_an_hour_of_ticks_takes_no_memory(results: list[FrameResult], decoder: Decoder) -> None:
     """Red before: what every tick had cost was kept as a pair of Python numbers, 2 MB each."""
-    receiver = Receiver("osc://127.0.0.1:9", Place("127.0.0.1", 9, lambda face: []))
+    receiver = Receiver("osc://127.0.0.1:9", Destination("127.0.0.1", 9, lambda face: []))
     face = FaceReader(decoder)(results[0].driven)
     tracemalloc.start()
     try:
