@@ -38,9 +38,8 @@ class Destination:
     encode: Encoder
 
 
-Renewed = Callable[
-    [], Destination | None
-]  # asks the receiver, which may take seconds; None: as before
+# Asks the receiver, which may take seconds; None: as before.
+Renewed = Callable[[], Destination | None]
 
 
 class Receiver:
