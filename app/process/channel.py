@@ -17,7 +17,8 @@ CLOSE_S = 1.0  # timeout for the rest of a packet
 
 
 class Channel:
-    """One end. Any thread may send; one at a time receives."""
+    """One end. Any thread may send; one at a time receives. What waits to be sent goes with the
+    next packet either way."""
 
     def __init__(self, end: socket.socket) -> None:
         end.setblocking(False)
@@ -38,6 +39,13 @@ class Channel:
                 raise BlockingIOError
             data = HEAD.pack(len(packet)) + packet
             self._outgoing += data[self.socket.send(data) :]
+
+    def insist(self, packet: bytes) -> None:
+        """Send what must not be lost, and is rare: where the other end is too slow it waits here,
+        before all that is sent later. Raises OSError where the other end is gone."""
+        with self._lock:
+            self._outgoing += HEAD.pack(len(packet)) + packet
+            self._flush()
 
     def recv(self) -> bytes:
         """The next packet, b"" at the end; BlockingIOError where none has come yet."""
@@ -86,7 +94,7 @@ class Channel:
             self.socket.close()
 
     def _flush(self) -> None:
-        """The rest of the packet before, as far as it goes."""
+        """What waits, as far as it goes."""
         if self._outgoing:
             with suppress(BlockingIOError):
                 del self._outgoing[: self.socket.send(self._outgoing)]

@@ -3,7 +3,8 @@
     loop -> WebSink -> ServerLink == socket ==> server
     page's microphone, poses and picks -> server == socket ==> ServerLink -> loop
 
-Neither end ever waits: what does not fit is dropped and counted. When one end dies, the other reads
+Neither end ever waits: what does not fit is dropped and counted, but for what people pick and what
+is told once. When one end dies, the other reads
 the end of the stream.
 """
 
@@ -88,7 +89,7 @@ class ServerLink:
         """Tell the server `emotions` that a page may pick, `controls`, or the `target` of a
         calibration."""
         with contextlib.suppress(OSError):
-            self._end.send(json.dumps(words).encode())
+            self._end.insist(json.dumps(words).encode())
 
     def show(self, changed: dict[str, Any]) -> None:
         """Controls that were changed elsewhere."""

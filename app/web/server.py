@@ -209,7 +209,7 @@ class WebServer:
         except ValueError as error:
             raise web.HTTPBadRequest(text=f"{error}\n") from None
         with contextlib.suppress(OSError):  # the loop is gone
-            self._end.send(PICKS + json.dumps(asked).encode())
+            self._end.insist(PICKS + json.dumps(asked).encode())
         return web.json_response(self._picks.state)
 
     def _follow(self, changed: dict[str, Any]) -> None:

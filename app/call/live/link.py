@@ -71,7 +71,7 @@ class CallLink:
         """Fields of the hello: accepted, muted, eyes_muted, records, may_record, ..."""
         self.muted = bool(state.get("muted", self.muted))
         self.eyes_muted = bool(state.get("eyes_muted", self.eyes_muted))
-        self.post(protocol.pack_json(protocol.STATE, state))
+        self._insist(protocol.pack_json(protocol.STATE, state))
 
     def picks(self) -> dict[str, Any]:
         """Whether somebody in the terminal has muted, or no longer: fields of Controls."""
@@ -92,6 +92,13 @@ class CallLink:
         except OSError:
             self.ended = True
 
+    def _insist(self, packet: bytes) -> None:
+        """Post what nobody conceals: who is muted, and the end."""
+        try:
+            self._socket.insist(packet)
+        except OSError:
+            self.ended = True
+
     def read(self) -> None:
         """Read what the call's process has sent; never blocks."""
         with self._lock:
@@ -103,7 +110,7 @@ class CallLink:
             self._theirs.close()
         else:
             self.read()  # for what came while files were finished the report would find no room
-            self.post(protocol.END)
+            self._insist(protocol.END)
             for _ in range(round(END_S / LOOK_S)):
                 with contextlib.suppress(subprocess.TimeoutExpired):
                     self._process.wait(LOOK_S)

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from types import SimpleNamespace
@@ -73,6 +74,29 @@ def test_a_slow_reader_costs_whole_packets_and_never_a_part_of_one() -> None:
     assert received(theirs, 1) == [b""]
     for end in (ours, theirs):
         end.close()
+
+
+def test_what_is_insisted_on_comes_before_all_later_packets() -> None:
+    """Red before: a mute was lost while the other end was slow, and shown as set."""
+    ours, theirs = pair()
+    with suppress(BlockingIOError):
+        while True:
+            ours.send(bytes(40_000))
+    for word in (b"mute", b"unmute"):
+        ours.insist(word)
+    with pytest.raises(BlockingIOError):
+        ours.send(b"late")
+    seen: list[bytes] = []
+    while b"after" not in seen:
+        seen += theirs.waiting()
+        with suppress(BlockingIOError):
+            ours.send(b"after")
+    words = [packet for packet in seen if len(packet) < 9]
+    assert words[:3] == [b"mute", b"unmute", b"after"]
+    theirs.close()
+    with pytest.raises(ConnectionError):
+        ours.insist(b"gone")
+    ours.close()
 
 
 def test_an_end_that_is_gone_amid_a_packet_is_not_merely_slow() -> None:

@@ -3,11 +3,13 @@
 import threading
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from app.process.channel import pair
 from app.web import certificate
-from app.web.link import ServerLink
+from app.web.link import PICKS, SOUND, SOUND_HEAD, ServerLink
 
 
 class Line:
@@ -39,6 +41,22 @@ def test_threads_read_one_after_the_other() -> None:
     for thread in threads:
         thread.join()
     assert line.most == 1
+
+
+def test_what_somebody_picks_is_not_lost_behind_sound() -> None:
+    """Red before: a mute at the page was shown as set and never reached the run."""
+    ours, theirs = pair()
+    link = ServerLink(ours)
+    with suppress(BlockingIOError):
+        while True:
+            theirs.send(SOUND_HEAD.pack(SOUND, 1, 0, 0) + bytes(1920))
+    theirs.insist(PICKS + b'{"muted": true}')
+    picks = link.picks()
+    with suppress(BlockingIOError):
+        theirs.recv()  # what waits goes on its way
+    assert {**picks, **link.picks()} == {"muted": True}
+    link.close()
+    theirs.close()
 
 
 def test_a_computer_may_have_any_name(tmp_path: Path) -> None:
