@@ -10,7 +10,7 @@ import secrets
 import threading
 import time
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -242,7 +242,6 @@ class Service:
                 self._seats.may_record = call.may_record()
 
     def _post(self, packet: bytes) -> None:
-        try:
-            self._end.send(packet)
-        except OSError:
-            return  # the loop is busy or gone
+        send = self._end.send if packet[:1] == protocol.PLAYED else self._end.insist
+        with suppress(OSError):  # the loop is busy or gone
+            send(packet)

@@ -16,8 +16,8 @@ export class Controls {
   }
 
   show({ avatars, emotions, avatar, emotion, muted }) {
-    const { get } = this, [words, intensity, more] = (emotion ?? "").split(":");
-    const odd = emotion && (more || !emotions.includes(words)) ? emotion : "";  // started with: a mixture
+    const { get } = this, [words, intensity] = (emotion ?? "").split(":");
+    const odd = emotion && (emotion.includes("+") || !emotions.includes(words)) ? emotion : "";  // a mixture
     const lists = JSON.stringify([avatars, emotions, odd]);
     if (lists !== this.lists) {
       fill(get("avatar"), avatars.map((name) => [name, name]));

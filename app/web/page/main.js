@@ -15,6 +15,9 @@ const get = (id) => document.getElementById(id);
 const canvas = get("view");
 const gl = canvas.getContext("webgl2", { antialias: false, alpha: false, depth: false });
 if (!gl) throw Error((get("state").textContent = "This browser has no WebGL2."));
+// A phone may take it away while the page is not seen.
+canvas.addEventListener("webglcontextlost", (event) => event.preventDefault());
+canvas.addEventListener("webglcontextrestored", () => location.reload());
 const splats = new Splats(gl);
 const orbit = new Orbit();
 const worker = new Worker("cloud.js");
@@ -158,10 +161,16 @@ get("sound").onclick = async () => {
 };
 get("full").onclick = () =>
   document.fullscreenElement ? document.exitFullscreen() : document.documentElement.requestFullscreen();
-canvas.onpointerdown = (event) => canvas.setPointerCapture(event.pointerId);
+let hand = [0, 0];  // where it was; older phones do not tell how far it has moved
+canvas.onpointerdown = (event) => {
+  canvas.setPointerCapture(event.pointerId);
+  hand = [event.clientX, event.clientY];
+};
 canvas.onpointermove = (event) => {
   if (!canvas.hasPointerCapture(event.pointerId)) return;
-  orbit.turn((mirror ? -1 : 1) * event.movementX, event.movementY);
+  const [x, y] = hand;
+  hand = [event.clientX, event.clientY];
+  orbit.turn((mirror ? -1 : 1) * (hand[0] - x), hand[1] - y);
   stale = true;
 };
 canvas.onwheel = (event) => {
@@ -198,10 +207,12 @@ function offer() {
 drawFlat();
 while (!(offers = await ask())) await new Promise((done) => setTimeout(done, 1000));
 if (offers.targets) {
-  headset.targets = new Targets(`${sockets}targets`, get("target"), say);
+  const buttons = document.querySelector("nav");
+  headset.targets = new Targets(
+    `${sockets}targets`, get("target"), say, () => { buttons.hidden = false; });
   get("start").hidden = false;
   get("start").onclick = () => {
-    document.querySelector("nav").hidden = true;
+    buttons.hidden = true;
     headset.targets.start();
   };
   get("mode").hidden = true;

@@ -38,6 +38,9 @@ export class Microphone {
     });
     this.context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
     await this.context.audioWorklet.addModule("chunks.js");
+    const gone = () => this.stop("microphone: the device has gone");
+    this.stream.getTracks().forEach((track) => { track.onended = gone; });
+    this.context.onstatechange = () => this.context?.state === "interrupted" && this.context.resume();
     const node = new AudioWorkletNode(this.context, "chunks", {
       numberOfInputs: 1, numberOfOutputs: 0, channelCount: 1, channelCountMode: "explicit",
     });

@@ -16,7 +16,13 @@ export class Sound {
 
   async start() {
     const context = this.context = new AudioContext({ sampleRate: RATE, latencyHint: "interactive" });
-    await context.audioWorklet.addModule("player.js");
+    context.onstatechange = () => context.state === "interrupted" && context.resume();  // by a call
+    try {
+      await context.audioWorklet.addModule("player.js");
+    } catch (error) {
+      await this.stop();
+      throw error;
+    }
     if (this.context !== context) return;  // switched off meanwhile
     const node = this.node = new AudioWorkletNode(context, "player", {
       numberOfInputs: 0, numberOfOutputs: 1, outputChannelCount: [1],

@@ -6,9 +6,9 @@ const AWAY = 10;         // m to the dot in a headset: both eyes look ahead in p
 const SIZE = 0.012;      // of the dot, as a share of its distance
 
 export class Targets {
-  // `say(text)` shows what else is to be done.
-  constructor(address, dot, say) {
-    Object.assign(this, { address, dot, say, target: null });
+  // `say(text)` shows what else is to be done; `ended()`: it may be started again.
+  constructor(address, dot, say, ended) {
+    Object.assign(this, { address, dot, say, ended, socket: null, target: null });
   }
 
   start() {
@@ -17,7 +17,9 @@ export class Targets {
     this.socket.onmessage = ({ data }) => this.show(JSON.parse(data));
     this.socket.onclose = () => {
       const done = this.target?.name === "close";
+      this.socket = null;
       this.show(null);
+      this.ended();
       this.say(`${done ? "done" : "stopped"}: back to the terminal`);
     };
     this.say("look straight ahead");

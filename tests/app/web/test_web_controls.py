@@ -118,6 +118,8 @@ def test_a_page_shows_what_was_changed_elsewhere(browser: Any, talker: Talker) -
     link.say(controls={"emotion": "happy:0.5+sad:0.2", "muted": False})
     shows("ada", "happy:0.5+sad:0.2", "Mute")
     assert page.is_hidden("#intensity")
+    link.say(controls={"emotion": "happy:0.5+sad"})  # red before: as happy alone
+    shows("ada", "happy:0.5+sad", "Mute")
     link.picks()
     page.select_option("#emotion", "happy")
     wait_until(lambda: link.picks().get("emotion", "").startswith("happy:"))

@@ -101,6 +101,8 @@ def test_a_hand_turns_and_a_wheel_enlarges_the_head(
 ) -> None:
     page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
     settle(page, talker)
+    # older phones lack it; red before: the head was gone for good
+    page.evaluate("Object.defineProperty(MouseEvent.prototype, 'movementX', { value: undefined })")
     page.mouse.move(100, 100)
     page.mouse.down()
     page.mouse.move(50, 120, steps=5)
@@ -112,6 +114,22 @@ def test_a_hand_turns_and_a_wheel_enlarges_the_head(
     renderer.draw(talker.gaussians(talker.index, who), camera.camera(SIZE, SIZE))
     assert psnr(screenshot(page), renderer.read_rgba()) >= 45
     assert page.problems == []
+    page.close()
+
+
+def test_a_context_that_is_taken_away_comes_back(browser: Any, talker: Talker) -> None:
+    """As phones do while a page is not seen. Red before: it stayed black."""
+    page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
+    settle(page, talker)
+    page.evaluate(
+        "const gl = document.getElementById('view').getContext('webgl2');"
+        "const extension = gl.getExtension('WEBGL_lose_context');"
+        "globalThis.old = true; extension.loseContext();"
+        "setTimeout(() => extension.restoreContext(), 100)"
+    )
+    wait_until(lambda: page.evaluate("!globalThis.old && Boolean(globalThis.livedrive)"))
+    settle(page, talker)
+    assert screenshot(page).std() > 10
     page.close()
 
 

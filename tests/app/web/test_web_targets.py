@@ -45,6 +45,22 @@ def test_on_a_screen_it_is_where_an_eye_60_cm_away_looks(browser: Any, talker: T
     wait_until(lambda: talker.count("watching") == 0)
 
 
+def test_a_page_that_stays_open_serves_the_next_calibration(browser: Any, decoder: Decoder) -> None:
+    """Red before: its button was gone, and the next one waited for ever."""
+    with serving(decoder, targets=True, gaussians="16k") as first:
+        port = int(first.address.rsplit(":", 1)[1].strip("/"))
+        page = open_page(browser, first.address, 900, 400)
+        page.wait_for_selector("#start:not([hidden])")
+        page.click("#start")
+        wait_until(lambda: first.count("watching") == 1)
+        assert page.is_hidden("#start")
+    wait_until(lambda: page.text_content("#state") == "stopped: back to the terminal")
+    with serving(decoder, targets=True, port=port, gaussians="16k") as second:
+        page.click("#start")
+        wait_until(lambda: second.count("watching") == 1)
+        page.close()
+
+
 def test_in_a_headset_it_goes_with_the_head(browser: Any, talker: Talker) -> None:
     page = open_page(browser, f"{talker.address}?bare", 512, 256, headset(ROOT))
     wait_until(lambda: not page.evaluate("document.getElementById('start').hidden"))
