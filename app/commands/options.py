@@ -72,8 +72,9 @@ class DriveOptions:
     """Folder of networks that you trained (livedrive train --out); default: the shipped ones."""
     size: Annotated[int, tyro.conf.arg(metavar="PX")] = 512
     """Width and height of the picture, in pixels."""
-    seed: int = 0
-    """Seed of the diffusion noise and of the synthesised gaze."""
+    seed: Annotated[int | None, optional("N")] = None
+    """Seed of the diffusion noise and of the synthesised gaze; default: 0, or that of the session
+    that is replayed."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where the networks run."""
     send: Annotated[

@@ -110,7 +110,7 @@ def build(
         record=tape.append if tape else None,
         stages=stages,
         info=RunInfo(width=settings.size, height=settings.size, frames=frames),
-        seed=settings.seed,
+        seed=settings.seed or 0,
         emotion=emotion or "",
         gaussians=decoder.density,
         realtime=settings.realtime,

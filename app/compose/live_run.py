@@ -46,7 +46,7 @@ class LiveRun:
     def open_recorder(self, folder: Path) -> "LiveRecorder":
         """Record into a new session, with what its replay needs to be the same."""
         known = in_session(self._driver) | {HEAD_MODE: self.settings.head}
-        known |= {CONDITION: self._driver.config.condition, SEED: self.settings.seed}
+        known |= {CONDITION: self._driver.config.condition, SEED: self.settings.seed or 0}
         return open_recorder(folder, self.source, known)
 
     def hear_at_page(self, link: "CallLink") -> None:

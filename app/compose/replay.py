@@ -107,6 +107,6 @@ def as_recorded(settings: DriveSettings, recording: "Recording") -> DriveSetting
     if settings.condition == "auto" and can:
         settings = replace(settings, condition=condition)
     seed = known.get(SEED)
-    if not settings.seed and isinstance(seed, int) and 0 <= seed < MAX_SEED:
+    if settings.seed is None and isinstance(seed, int) and 0 <= seed < MAX_SEED:
         settings = replace(settings, seed=int(seed))
     return settings

@@ -76,7 +76,7 @@ class DriveSettings:
     condition: WantedCondition = "auto"
     head: HeadMode = "auto"  # what moves it; still: nothing but speech and eyes move the face
     weights: Path | None = None  # folder of the networks; None: the shipped ones
-    seed: int = 0
+    seed: int | None = None  # of all that is drawn at random; None: 0, or as recorded
     device: Device = "auto"  # of the networks
     realtime: bool = False  # at the pace of the clock
     draw: bool = False  # also where no file or camera needs a picture
@@ -95,7 +95,7 @@ class DriveSettings:
                 f"--size: expected an even number in 64..{MAX_SIZE}, got {self.size}; "
                 "try --size 512"
             )
-        if not 0 <= self.seed < MAX_SEED:
+        if self.seed is not None and not 0 <= self.seed < MAX_SEED:
             raise InputError(f"--seed: expected 0 or more, got {self.seed}; try --seed 0")
         if self.listen is not None and not 0 <= self.listen <= 65535:
             raise InputError(

@@ -13,6 +13,7 @@ from encoder.eyes.network import EyeNet
 from encoder.nn.checkpoint import config_from, load
 from encoder.nn.modules import fill
 from encoder.training.centred import CentredEncoder
+from sensors.types import InputError
 
 Card = dict[str, Any]
 
@@ -45,3 +46,14 @@ def load_eye_net(path: Path) -> tuple[EyeNet, Card]:
     return fill(
         EyeNet(config_from(EyeNetConfig, card["config"])), weights, path, card["kind"]
     ), card
+
+
+def check_hears(path: Path, card: Card, about: Card) -> None:
+    """Raise InputError where the network of a card has learned from another audio encoder than
+    that of the streams which `about` describes."""
+    heard = about["audio_sha256"]
+    if card.get("audio_sha256", heard) != heard:
+        raise InputError(
+            f"{path}: expected a network that hears by the audio encoder of the streams, got one "
+            "of another; train it anew"
+        )

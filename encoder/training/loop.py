@@ -84,7 +84,7 @@ def steps_done(run: RunSettings) -> int:
 
 
 def _check(name: str, step: int, losses: Losses) -> None:
-    """Raise InputError before a loss that is no number spoils the weights."""
+    """Raise InputError before a loss, or its gradient, that is no number spoils the weights."""
     if not isfinite(float(losses["total"].detach())):
         odd = [key for key, value in losses.items() if not isfinite(float(value.detach()))]
         raise InputError(
@@ -137,7 +137,8 @@ def train(
                 optimizer.zero_grad(set_to_none=True)
                 losses["total"].backward()
                 parallel.average_gradients(state.parameters, ranks)
-                nn.utils.clip_grad_norm_(state.parameters, 1.0)
+                norm = nn.utils.clip_grad_norm_(state.parameters, 1.0)
+                _check(name, step, {"total": norm})
             with stopping.postponed():  # else the state would be of half a step
                 optimizer.step()
                 state.step = step + 1

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.call.core.outgoing import Outgoing
-from app.call.core.parcel import Parcel, Receipt
+from app.call.core.parcel import Parcel, Receipt, still_here
 from app.call.core.partner import Partner
 from app.call.media.opus import OpusDecoder
 from app.call.media.srtp import Stream
@@ -214,9 +214,9 @@ class Call:
         """Of an avatar's file that somebody here agreed to take."""
         partner = self.partners.get(identity)
         hello = partner.hello if partner else None
-        if partner is None or hello is None or not self.hello.takes_avatars:
+        if partner is None or hello is None or not (self.hello.takes_avatars and hello.parcel):
             return
-        if not hello.parcel or hello.parcel in self.files:
+        if hello.parcel in self.files:
             return
         if partner.receipt is None or partner.receipt.digest != hello.parcel:
             partner.receipt = Receipt(hello.parcel, hello.parcel_bytes)
@@ -225,8 +225,8 @@ class Call:
         except MalformedError as error:
             self._tell_once(hello.name, f"{hello.name}: {error}")
         else:
-            if data is not None and len(self.files) < MAX_PEOPLE:
-                self.files[hello.parcel] = data
+            if data is not None:
+                self.files = still_here(self.files, self._hellos()) | {hello.parcel: data}
 
     def _leave(self, identity: str) -> None:
         partner = self.partners.pop(identity, None)

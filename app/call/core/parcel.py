@@ -7,8 +7,10 @@ everybody who wants it has it. Who receives it checks its size, its hash and the
 import hashlib
 import lzma
 import struct
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from app.call.wire.agreement import Hello
 from app.call.wire.packet import MalformedError
 from sensors import files
 from sensors.types import InputError
@@ -77,3 +79,9 @@ class Receipt:
         if len(data) > MAX_FILE or hashlib.sha256(data).hexdigest() != self.digest:
             raise MalformedError("avatar: expected the file that was offered, got another")
         return data
+
+
+def still_here(found: Mapping[str, bytes], here: Iterable[Hello]) -> dict[str, bytes]:
+    """Of files by digest those of people who are here: others make room for who comes."""
+    wanted = {hello.parcel for hello in here}
+    return {digest: data for digest, data in found.items() if digest in wanted}

@@ -77,7 +77,7 @@ class Timeline:
         if self._first_ns is None or now_ns - self._first_ns < self.settings.first_s * NS:
             return None
         if now_ns >= self._next_look_ns:
-            self._target_ms, self._next_look_ns = self._wanted_ms(), now_ns + LOOK_NS
+            self._target_ms, self._next_look_ns = self._wanted_ms(now_ns), now_ns + LOOK_NS
         assert self._target_ms is not None
         return (now_ns / 1e6 - self._target_ms) * SAMPLE_RATE / 1e3
 
@@ -104,9 +104,13 @@ class Timeline:
         """(our clock in ns, media in samples, rate): all that `media_at` depends on."""
         return self._at
 
-    def _wanted_ms(self) -> float:
+    def _wanted_ms(self, now_ns: int) -> float:
         s, needed, fastest = self.settings, -math.inf, -math.inf
+        newest_ns = max(times[-1] for times, _ in self._lags.values())
+        silent_ns = min(newest_ns, now_ns - round(s.window_s * NS))  # of who is muted
         for stream, (times, lags) in self._lags.items():
+            if times[-1] < silent_ns:
+                continue
             ordered = np.sort(np.fromiter(lags, float, len(lags)))
             last = ordered[math.ceil(s.quantiles[stream] * (len(ordered) - 1))]
             needed = max(needed, last + s.margins_ms[stream])

@@ -19,7 +19,7 @@ from encoder.denoiser.contact import Contact
 from encoder.denoiser.model import Denoiser, headless
 from encoder.nn import checkpoint
 from encoder.training import loop
-from encoder.training.checkpoints import load_denoiser
+from encoder.training.checkpoints import check_hears, load_denoiser
 from encoder.training.geometry import TrainingFace, contact_loss
 from encoder.training.presets import Presets
 from encoder.training.stages.diffusion import fold_gaze
@@ -116,12 +116,14 @@ def run(config: ContactConfig, face: TrainingFace) -> dict[str, float]:
     torch.manual_seed(config.run.seed)
     streams = Streams.load(config.streams, face, config.without)
     tensors, card = checkpoint.load(config.student, "student")
+    check_hears(config.student, card, streams.about)
     student = headless(load_denoiser(config.student, "student")[0])
     head = new_head(student, face, config.hidden).to(config.run.device)
     fold_gaze(student, inverse=True).to(config.run.device).requires_grad_(False)
     every, dim = max(len(streams.features) // 40, 1), student.config.contact_dim
-    flat = torch.from_numpy(streams.features[::every, :, -dim:]).float()
-    scale = flat.mean((0, 1)), flat.std((0, 1)) + 1e-3
+    heard = streams.features[::every][streams.allowed[::every]]
+    flat = torch.from_numpy(heard[:, -dim:]).float()
+    scale = flat.mean(0), flat.std(0) + 1e-3
     there = scale[0].to(config.run.device), scale[1].to(config.run.device)
 
     def step_losses(step: int, rng: np.random.Generator) -> dict[str, Tensor]:

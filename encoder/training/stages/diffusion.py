@@ -172,8 +172,8 @@ def run(config: DiffusionConfig, face: TrainingFace) -> dict[str, float]:
     streams = Streams.load(config.streams, face, config.without)
     sizes = replace(config.denoiser, audio_dim=streams.features.shape[-1])
     model, schedule = Denoiser(sizes), Schedule(sizes.num_steps)
-    fit_scale(model, streams.codes)
-    whitening = Whitening.of(streams.features)
+    fit_scale(model, streams.codes[streams.allowed])
+    whitening = Whitening.of(streams.features[streams.allowed])
     if config.start is not None:
         old = headless(load_denoiser(config.start, "diffusion", "student")[0])
         if old.config != sizes:

@@ -21,7 +21,7 @@ from encoder.denoiser.diffusion import Guidance, Schedule, conditioned_on, ddim_
 from encoder.denoiser.model import Denoiser, headless
 from encoder.nn import checkpoint
 from encoder.training import loop, parallel
-from encoder.training.checkpoints import load_denoiser
+from encoder.training.checkpoints import check_hears, load_denoiser
 from encoder.training.distribution import dmd_loss, mouth_error
 from encoder.training.geometry import TrainingFace
 from encoder.training.presets import Presets
@@ -198,8 +198,11 @@ def run(config: DistillConfig, face: TrainingFace) -> dict[str, float]:
     streams = Streams.load(config.streams, face, config.without)
     teacher, card = load_denoiser(config.teacher, "diffusion", "student")
     first = config.start or config.teacher  # the paper's student starts as the teacher
-    student = headless(load_denoiser(first, "diffusion", "student")[0])
-    whitening = Whitening.of(streams.features)
+    begun, begun_card = load_denoiser(first, "diffusion", "student")
+    check_hears(config.teacher, card, streams.about)
+    check_hears(first, begun_card, streams.about)
+    student = headless(begun)
+    whitening = Whitening.of(streams.features[streams.allowed])
     for model in (teacher, student):
         whitening.fold(fold_gaze(model, inverse=True), inverse=True).to(config.run.device)
     whitening = whitening.to(config.run.device)

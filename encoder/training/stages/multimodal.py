@@ -18,7 +18,7 @@ from encoder.denoiser.model import Denoiser
 from encoder.eyes.format import FEATURES
 from encoder.nn import checkpoint
 from encoder.training import loop
-from encoder.training.checkpoints import load_denoiser, load_eye_net
+from encoder.training.checkpoints import check_hears, load_denoiser, load_eye_net
 from encoder.training.geometry import TrainingFace, velocity_loss
 from encoder.training.presets import Presets
 from encoder.training.stages.diffusion import fold_gaze, weighted_error
@@ -138,6 +138,7 @@ def run(config: MultimodalConfig, face: TrainingFace) -> dict[str, float]:
     net, eye_card = load_eye_net(config.eyes)
     streams = EyeStreams(config.streams, face, net.requires_grad_(False), config.lost)
     audio_model, card = load_denoiser(config.student, "student")
+    check_hears(config.student, card, streams.streams.about)
     fold_gaze(audio_model, inverse=True).requires_grad_(False)
     model, halves = widened(audio_model, streams, rng), Halves(face)
     for name, parameter in model.named_parameters():

@@ -206,6 +206,10 @@ class Streams:
                 barred = np.isin(data["voices"], [about["voices"].index(name) for name in without])
             return Streams(data["features"], codes, data["gaze"], weight, about, barred)
 
+    @property
+    def allowed(self) -> np.ndarray:  # [S, T] bool
+        return np.ones(self.codes.shape[:2], bool) if self.barred is None else ~self.barred
+
     def draw(
         self, batch: int, frames: int, rng: np.random.Generator, ahead: int = 0
     ) -> tuple[torch.Tensor, ...]:

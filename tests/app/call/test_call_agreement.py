@@ -3,10 +3,14 @@
 import json
 from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.call.live import protocol
+from app.call.live.link import CallLink
+from app.call.live.protocol import CallSettings
 from app.call.wire.agreement import (
     MAX_HELLO,
     Hello,
@@ -139,3 +143,18 @@ def test_times_that_no_float_takes_are_refused(time: int) -> None:
     for row in (["a" * 32, time, 1], ["a" * 32, 1, time]):
         with pytest.raises(MalformedError, match="64 bits"):
             read_hello(json.dumps(asdict(BEN) | {"echoes": [row]}).encode())
+
+
+def test_a_mute_is_not_lost_behind_sound() -> None:
+    """Red before: 2.4 s of stall sufficed, and the voice went on while all showed it as muted."""
+    link = CallLink(CallSettings(name="a", avatar="ben"), print)
+    theirs = link._theirs  # noqa: SLF001
+    sound = protocol.pack_sound(0, 0, np.zeros(480, np.float32))
+    for _ in range(400):
+        link.post(sound)
+    link.change(muted=True)
+    kinds = [packet[:1] for packet in theirs.waiting()]
+    link.post(sound)
+    kinds += [packet[:1] for packet in theirs.waiting()]
+    assert kinds.count(protocol.STATE) == 1 and not link.ended
+    link.close()

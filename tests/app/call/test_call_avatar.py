@@ -11,7 +11,7 @@ from app.call.core import parcel
 from app.call.core.call import Call
 from app.call.core.parcel import HEAD, PART, Parcel, Receipt
 from app.call.live.shelf import Shelf
-from app.call.rooms.room import AVATAR
+from app.call.rooms.room import AVATAR, BYE, HELLO
 from app.call.table.company import Company
 from app.call.table.seats import Seats
 from app.call.trial.material import synthetic_material
@@ -134,3 +134,20 @@ def test_what_is_no_avatar_is_told_and_not_drawn(tmp_path: Path) -> None:
     shelf.keep({"ab" * 32: b"no avatar", "cd" * 32: FILE.read_bytes()[:-8] + bytes(8)})
     assert shelf.path("ab" * 32) == "" and len(told) >= 1
     assert shelf.path("unknown") == ""
+
+
+def test_avatars_of_guests_who_have_left_make_room() -> None:
+    """Red before: the ninth of a long call was sent again and again, and never shown."""
+    host = Wire(takes_avatars=True).calls[1]
+    for k in range(12):
+        data = bytes([k]) * 900
+        packed, digest = lzma.compress(data), hashlib.sha256(data).hexdigest()
+        guest = Hello(
+            identity=new_identity(), name=f"g{k}", basis=MATERIAL.basis.number, accepted=True,
+            parcel=digest, parcel_bytes=len(packed), now_ns=1,
+        )  # fmt: skip
+        host.events().message(guest.identity, HELLO + guest.to_bytes())
+        host.events().message(guest.identity, AVATAR + HEAD.pack(0, len(packed)) + packed)
+        assert digest in host.files
+        host.events().message(guest.identity, BYE)
+    assert len(host.files) == 1

@@ -12,6 +12,7 @@ from app.call.media.opus import LOOK_AHEAD, PACKET
 from app.call.media.timeline import Timeline
 from app.call.media.voice import PULL, VoiceTrack
 from app.call.wire.packet import Tick
+from sensors.types import NS, SAMPLE_RATE
 
 RATE = 48_000 // PACKET  # packets a second
 MS, S = 1_000_000, 1_000_000_000
@@ -229,3 +230,24 @@ def test_floods_and_nonsense_stay_bounded() -> None:
     assert len(voice._packets) < 3000 and len(voice._known) < 3000
     assert len(face._ticks) <= 30
     assert np.isfinite(voice.pull(PULL, 10 * S)).all()
+
+
+def test_a_muted_voice_holds_no_face_back() -> None:
+    """Red before: the face kept the delay of the voice before the mute, for ever."""
+    timeline, now_ns = Timeline(), 0
+
+    def delay_ms(voice_ms: float | None, face_ms: float, seconds: int) -> float:
+        nonlocal now_ns
+        for _ in range(100 * seconds):
+            now_ns += NS // 100
+            media = now_ns * SAMPLE_RATE / NS
+            for stream, late_ms in (("voice", voice_ms), ("face", face_ms)):
+                if late_ms is not None:
+                    timeline.arrived(stream, media - late_ms * SAMPLE_RATE / 1e3, now_ns)
+            target = timeline.target(now_ns)
+        assert target is not None
+        return 1e3 * (now_ns / NS - target / SAMPLE_RATE)
+
+    assert delay_ms(150, 150, 10) > 150
+    assert delay_ms(None, 20, 15) < 30
+    assert delay_ms(20, 20, 10) < 30

@@ -121,13 +121,14 @@ def test_a_context_that_is_taken_away_comes_back(browser: Any, talker: Talker) -
     """As phones do while a page is not seen. Red before: it stayed black."""
     page = open_page(browser, f"{talker.address}?bare", SIZE, SIZE)
     settle(page, talker)
-    page.evaluate(
-        "const gl = document.getElementById('view').getContext('webgl2');"
-        "const extension = gl.getExtension('WEBGL_lose_context');"
-        "globalThis.old = true; extension.loseContext();"
-        "setTimeout(() => extension.restoreContext(), 100)"
-    )
-    wait_until(lambda: page.evaluate("!globalThis.old && Boolean(globalThis.livedrive)"))
+    with page.expect_navigation():
+        page.evaluate(
+            "const gl = document.getElementById('view').getContext('webgl2');"
+            "const extension = gl.getExtension('WEBGL_lose_context');"
+            "extension.loseContext();"
+            "setTimeout(() => extension.restoreContext(), 100)"
+        )
+    wait_until(lambda: page.evaluate("Boolean(globalThis.livedrive)"))
     settle(page, talker)
     assert screenshot(page).std() > 10
     page.close()

@@ -247,6 +247,19 @@ def test_a_loss_that_is_no_number_ends_the_run_before_it_spoils_the_weights(tmp_
     assert all(bool(tensor.isfinite().all()) for tensor in kept.values())
 
 
+def test_a_gradient_that_is_no_number_ends_the_run_before_it_spoils_the_weights(tmp_path):
+    """Red before: the state held NaN alone, and could not be resumed."""
+    modules, run = make(), loop.RunSettings(state=tmp_path / "state")
+
+    def step_losses(step: int, rng: np.random.Generator) -> loop.Losses:
+        loss = modules["net"](torch.ones(1, 3)).sum()
+        return {"total": loss + (loss * 0).sqrt() if step else loss}  # 0, of slope infinite
+
+    with pytest.raises(InputError, match="train test, step 1: expected finite losses"):
+        loop.train("test", modules, step_losses, steps=3, rate=0.1, run=run)
+    assert all(bool(tensor.isfinite().all()) for tensor in load_file(run.file).values())
+
+
 PATHS = {
     audio: ("pack", "output"),
     contact: ("streams", "student", "output"),

@@ -144,3 +144,16 @@ def test_folds_darken_the_side_that_an_expression_folds(egl_context):
     np.testing.assert_allclose(folded[32, 40] / 255, left, atol=2 / 255)  # +x is on the right
     assert (folded[32, 24] == bare[32, 24]).all() and (expected[1] == np.float32(0.6)).all()
     assert folded[32, 40, 1] < bare[32, 40, 1] - 15
+
+
+def test_a_change_of_size_leaves_nothing_behind(egl_context) -> None:
+    """Red before: `eval prior` took 42 MB more with every pair of pictures."""
+    renderer, made = MeshRenderer(egl_context, square(mesh_parts.COLOURED)), []
+    for name in ("skin", "eye"):
+        renderer.set_texture(name, np.ones((4, 4, 3), np.float32))
+    rows = [np.tile(np.array(v, np.float32), (4, 1)) for v in ((0, 0, 1), (1, 1, 1), (1, 1, 1, 1))]
+    for size in (32, 64, 32):
+        renderer.draw(CORNERS, *rows, portrait(size, size))
+        made.append(renderer._target)  # noqa: SLF001
+    gone, also, last = (type(target.mglo).__name__ == "InvalidObject" for target in made)
+    assert gone and also and not last
