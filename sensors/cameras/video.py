@@ -18,6 +18,7 @@ from sensors.session.recording import Recording
 from sensors.types import FPS, NS, Clock
 
 LOOK_S = 0.002  # between two looks for a picture where the driver does not wait for one
+MOST_UNEVEN = 10  # times as long as by its mean rate a video may be
 
 
 class DriverLink:
@@ -121,6 +122,8 @@ def _times_ns(path: Path) -> list[int]:
         return even
     stamps.sort()  # packets lie in the order of decoding
     own = [int((stamp - stamps[0]) * base * NS) for stamp in stamps]
+    if own[-1] > MOST_UNEVEN * even[-1]:  # a damaged file's
+        return even
     return [*own, own[-1] + period_ns]
 
 

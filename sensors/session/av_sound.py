@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from sensors.session.opening import opened
 from sensors.types import InputError
 
-START_S = 0.04  # a stream that begins later than the file by less begins with it
+# Seconds by which a stream may begin later than its file: with less it begins with it, and with
+# more the times are no times.
+LEAST_LATE_S, MOST_LATE_S = 0.04, 60.0
 
 
 def start_s(container: Any, stream: Any) -> float:
@@ -21,7 +23,7 @@ def start_s(container: Any, stream: Any) -> float:
     if stream.start_time is None or container.start_time is None:
         return 0.0
     late = float(stream.start_time * stream.time_base) - container.start_time / 1e6
-    return late if late > START_S else 0.0
+    return late if LEAST_LATE_S < late < MOST_LATE_S else 0.0
 
 
 class AvSound:

@@ -168,6 +168,7 @@ class SendSink:
     def _renew(self) -> None:
         while not self._closing.wait(RENEW_S):
             for receiver in self.receivers:
-                if receiver.renewed and (place := receiver.renewed()):
+                place = receiver.renewed() if receiver.renewed else None
+                if place and not self._closing.is_set():
                     with contextlib.suppress(InputError):  # gone again
                         receiver.turn(place)
