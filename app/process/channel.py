@@ -44,6 +44,8 @@ class Channel:
         """Send what must not be lost, and is rare: where the other end is too slow it waits here,
         before all that is sent later. Raises OSError where the other end is gone."""
         with self._lock:
+            if self.socket.fileno() < 0:
+                raise ConnectionError("closed")
             self._outgoing += HEAD.pack(len(packet)) + packet
             self._flush()
 
@@ -101,8 +103,8 @@ class Channel:
 
     def _drain(self) -> None:
         if self._outgoing:
-            self.socket.settimeout(CLOSE_S)
             try:
+                self.socket.settimeout(CLOSE_S)
                 self.socket.sendall(self._outgoing)
             except OSError:
                 return

@@ -97,6 +97,9 @@ def test_what_is_insisted_on_comes_before_all_later_packets() -> None:
     with pytest.raises(ConnectionError):
         ours.insist(b"gone")
     ours.close()
+    with pytest.raises(ConnectionError):  # red before: it waited, and the next close failed
+        ours.insist(b"closed")
+    ours.close()
 
 
 def test_an_end_that_is_gone_amid_a_packet_is_not_merely_slow() -> None:
