@@ -42,6 +42,11 @@ def create(name: str, parts: AvatarParts, folder: Path, *, replace: bool) -> Pat
     lender = identity.load(parts.hair) if parts.hair is not None else None
     bearded = identity.load(parts.beard) if parts.beard is not None else None
     maker = Maker()
+    if bearded and not len(dress.beard_of(maker, bearded)[0]):
+        raise InputError(
+            f"--beard: expected somebody who has one, got {parts.beard}; look at all of them with "
+            "livedrive avatar show all --picture all.png"
+        )
     if parts.eye is not None:
         maker.check_eye(parts.eye)
     if parts.photos:

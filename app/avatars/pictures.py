@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Light = Literal["studio", "soft", "evening", "rim"]
 Sheet = Literal["portrait", "poses", "views", "speech", "eyes", "moods", "heads", "lights"]
-Pose = Literal["neutral", "smile", "jaw open", "blink", "gaze", "profile"]
+Pose = Literal["neutral", "smile", "jaw open", "blink", "gaze"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 LARGEST = 1e6  # of a coordinate
 FEWEST = 3  # landmarks that tell where a head is
+FLAT = 1e-3  # of the largest coordinate: marks nearer to a line tell no turn about it
 
 
 def head(
@@ -69,6 +70,10 @@ def read_landmarks(path: Path, names: list[str]) -> "dict[str, Doubles]":
         marks[name] = np.array(place, np.float64)
     if len(marks) < FEWEST:
         raise fail(f"{len(marks)}")
+    places = np.stack(list(marks.values()))
+    _, wide, *_ = np.linalg.svd(places - places.mean(0), compute_uv=False)
+    if wide <= FLAT * np.abs(places).max():
+        raise fail("some in one place, or in a line, which tell no turn")
     return marks
 
 

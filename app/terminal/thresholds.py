@@ -5,6 +5,7 @@ In a report `metrics` maps names to values, `bars` is the list of thresholds.
 
 import json
 from collections.abc import Iterable, Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +30,18 @@ def print_metrics(metrics: Mapping[str, float], missing: Iterable[str]) -> None:
 
 
 def write(report: dict[str, Any], path: Path | None) -> None:
-    """Write the report to `path`, where there is one."""
+    """Write the report to `path`, where there is one; what could not be measured as null."""
     if path:
-        files.write_text(path, json.dumps(report, indent=2) + "\n")
+        files.write_text(path, json.dumps(_measured(report), indent=2, allow_nan=False) + "\n")
+
+
+def _measured(value: Any) -> Any:
+    """The same, with None for numbers that JSON has not."""
+    if isinstance(value, dict):
+        return {key: _measured(part) for key, part in value.items()}  # pyright: ignore
+    if isinstance(value, list | tuple):
+        return [_measured(part) for part in value]  # pyright: ignore
+    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def finish(report: dict[str, Any], path: Path | None) -> None:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from app.web.link import POSE, POSE_HEAD, SOUND, SOUND_HEAD
+from render.decoder.learned.avatar_files import label
 from sensors.files import parse_json
 
 # The page's clock in ms; position m and quaternion xyzw of WebXR; 1 where it is tracked.
@@ -74,26 +75,34 @@ class Picks:
     max_rate = 20.0
 
     def __init__(self, avatar: str, avatars: Sequence[str]) -> None:
-        self.avatars = list(dict.fromkeys([*avatars, avatar]))  # which may be a file
+        found = dict.fromkeys([*avatars, avatar])  # which may be a file
+        self._avatars = {label(name): name for name in found}
         self.emotions = list[str]()  # the loop tells them
         self.state: dict[str, Any] = {"avatar": avatar, "emotion": None, "muted": False}
 
     @property
     def offers(self) -> dict[str, Any]:
-        return {"avatars": self.avatars, "emotions": self.emotions, **self.state}
+        return {"avatars": list(self._avatars), "emotions": self.emotions, **self.shown}
+
+    @property
+    def shown(self) -> dict[str, Any]:
+        """The state in the words of a page."""
+        return self.state | {"avatar": label(self.state["avatar"])}
 
     def read(self, data: bytes) -> dict[str, Any]:
         """The fields of `state` that are asked for; ValueError where one is none, or impossible."""
         asked = parse_json(data)
         if not isinstance(asked, dict) or not all(self._is_good(*item) for item in asked.items()):  # pyright: ignore
             raise ValueError("no such control")
+        if "avatar" in asked:
+            asked["avatar"] = self._avatars[asked["avatar"]]  # pyright: ignore
         return asked  # pyright: ignore
 
     def _is_good(self, name: object, value: object) -> bool:
         if name == "muted":
             return isinstance(value, bool)
         if name == "avatar":
-            return value in self.avatars
+            return isinstance(value, str) and value in self._avatars
         words, colon, intensity = value.partition(":") if isinstance(value, str) else ("", "", "")
         known = words in self.emotions and (not colon or 0 <= float(intensity) <= 1)
         return name == "emotion" and (value is None or known)

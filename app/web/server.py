@@ -210,7 +210,7 @@ class WebServer:
             raise web.HTTPBadRequest(text=f"{error}\n") from None
         with contextlib.suppress(OSError):  # the loop is gone
             self._end.insist(PICKS + json.dumps(asked).encode())
-        return web.json_response(self._picks.state)
+        return web.json_response(self._picks.shown)
 
     def _follow(self, changed: dict[str, Any]) -> None:
         """Show who is to be shown, and tell how it stands. Raises InputError."""

@@ -174,8 +174,9 @@ class Test:
 
         outputs.check("--report", self.report, outputs.REPORTS)
         confirm.overwriting([self.report])
-        if not set(self.lines) <= {0, 1, 2, 3} or not self.lines:
-            raise InputError(f"--lines: expected numbers in 0..3, got {self.lines}")
+        if not self.lines or sorted({*self.lines} & {0, 1, 2, 3}) != sorted(self.lines):
+            got = " ".join(map(str, self.lines)) or "none"
+            raise InputError(f"--lines: expected numbers in 0..3, each once, got {got}; try 0 1")
         if not 2 <= self.seconds <= 3600:
             raise InputError(f"--seconds: expected 2 to 3600, got {self.seconds}")
         if self.room and not 2 <= self.room <= MAX_PEOPLE:

@@ -1,6 +1,6 @@
 """Small pieces of the panels: headings, switches, meters; drawn with Dear ImGui."""
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -66,7 +66,7 @@ def right_align(text: str) -> None:
     imgui.set_cursor_pos_x(imgui.get_cursor_pos_x() + max(left, 0))
 
 
-def pick(label: str, chosen: str, names: tuple[str, ...], width: float) -> str:
+def pick(label: str, chosen: str, names: Sequence[str], width: float) -> str:
     """A list to choose from; returns the name that is chosen."""
     imgui.set_next_item_width(width)
     if imgui.begin_combo(f"##{label}", chosen.capitalize()):

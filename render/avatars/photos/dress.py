@@ -21,6 +21,7 @@ from render.lighting import LUMINANCE
 from render.types import Doubles, Floats
 
 ROOTS = (0.75, 0.45)  # brightness of a scalp, of its owner's face: from skin to roots
+LIGHT = 0.55  # brightness of hair, of its owner's face, from which its roots are not dark
 SCALP_MM, BACK_MM = (60.0, 78.0), (20.0, 5.0)  # above, or behind, are roots
 UNDER_MM = (5.0, 1.5)  # from a beard's strands to skin: from not at all to fully under it
 LIFT_MM = 1.0  # by which pieces of a shirt stand farther out: else a seam drowns in other necks
@@ -80,10 +81,7 @@ def bearded(
 ) -> Identity:
     """With the lender's beard, in the wanted colour; else in its own, and the skin under it as
     dark. Without brows, lashes and shirt."""
-    at = standing(maker, lender.beard)
-    below_eyes = at[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
-    grown = below_eyes & (clothes.height(at) >= COLLAR_MM)
-    beard = lender.beard.take(grown)
+    beard, at = beard_of(maker, lender)
     if not len(beard):
         return who
     if wanted is not None:
@@ -92,8 +90,16 @@ def bearded(
         beard = replace(beard, albedo=dyed.astype(np.float32))
         return replace(who, beard=joined([who.beard, beard]))
     dye = np.minimum(lender.albedo / np.median(lender.albedo[maker.face], 0), 1)
-    albedo = who.albedo * (1 - under(maker, at[grown])[:, None] * (1 - dye))
+    albedo = who.albedo * (1 - under(maker, at)[:, None] * (1 - dye))
     return replace(who, albedo=albedo.astype(np.float32), beard=joined([who.beard, beard]))
+
+
+def beard_of(maker: Maker, lender: Identity) -> tuple[Beard, Floats]:
+    """Its strands and where they stand [B, 3] mm, without brows, lashes and shirt."""
+    at = standing(maker, lender.beard)
+    below_eyes = at[:, 1] < maker.template[maker.regions["eyelids"], 1].min()
+    grown = below_eyes & (clothes.height(at) >= COLLAR_MM)
+    return lender.beard.take(grown), at[grown]
 
 
 def under(maker: Maker, at: Floats) -> Floats:  # [B, 3] mm -> [N] 0..1
@@ -114,11 +120,17 @@ def above_neckline(maker: Maker, strands: Beard) -> NDArray[np.float32]:  # [B] 
 
 
 def roots(maker: Maker, lender: Identity) -> Floats:  # [N] 0..1
-    """Where the lender's scalp has the colour of hair."""
+    """Where the lender's scalp has the colour of hair: where it is dark, and under light hair where
+    it is more like the middle of the scalp than like the face."""
     light = lender.albedo @ LUMINANCE
     tone = float(np.median(light[maker.face]))
-    dark = np.clip((ROOTS[0] - light / tone) / (ROOTS[0] - ROOTS[1]), 0, 1)
     _, up, ahead = anchors(maker).T
     behind = ramp(ahead, *BACK_MM) * ramp(up, *NAPE_MM)
-    hairy = np.maximum(ramp(up, *SCALP_MM), behind)
-    return (dark * hairy * (maker.anchor_kinds == mesh_parts.SKIN)).astype(np.float32)
+    hairy = np.maximum(ramp(up, *SCALP_MM), behind) * (maker.anchor_kinds == mesh_parts.SKIN)
+    like = (ROOTS[0] - light / tone) / (ROOTS[0] - ROOTS[1])
+    if np.median(lender.hair.albedo @ LUMINANCE) > LIGHT * tone:
+        root = np.median(lender.albedo[hairy == 1], 0)
+        skin = np.median(lender.albedo[maker.face], 0)
+        unlike = np.linalg.norm(lender.albedo - root, axis=1) / np.linalg.norm(skin - root)
+        like = np.maximum(like, 2 - 3 * unlike)
+    return (np.clip(like, 0, 1) * hairy).astype(np.float32)

@@ -30,6 +30,14 @@ def _names(folder: Path) -> list[str]:
     return sorted(path.stem.removeprefix(PREFIX) for path in folder.glob(f"{PREFIX}*.safetensors"))
 
 
+def label(name: str) -> str:
+    """What people are shown of a name, which may be a file: no folder of this machine."""
+    if not name.endswith(".safetensors"):
+        return name
+    short = Path(name).stem.removeprefix(PREFIX)
+    return f"{short} (a file)" if short in names() else short
+
+
 def path_of(name: str, folder: Path | None = None) -> Path:
     """The file of an identity, by its name or FILE.safetensors; InputError naming those that
     exist."""

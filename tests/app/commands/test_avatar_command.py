@@ -109,6 +109,17 @@ def test_landmarks_are_checked(marks: str, tmp_path: Path) -> None:
         register.read_landmarks(tmp_path / "marks.json", ["nose_tip", "chin"])
 
 
+@pytest.mark.parametrize("far", [[0, 0, 0], [0, 9, 0]])
+def test_landmarks_in_a_line_are_told(far: list[float], tmp_path: Path) -> None:
+    """Red before: in one place they were a traceback."""
+    marks = {"nose_tip": [0, 0, 0], "chin": [0, -50, 0], "brow": far}
+    if far == [0, 0, 0]:
+        marks["chin"] = far
+    (tmp_path / "marks.json").write_text(json.dumps(marks))
+    with pytest.raises(InputError, match="in one place, or in a line"):
+        register.read_landmarks(tmp_path / "marks.json", list(marks))
+
+
 def test_a_head_of_ours_needs_its_texture(files: dict[str, Path]) -> None:
     with pytest.raises(InputError, match="--texture"):
         CreateAvatar(name="me", geometry=files["geometry"], out=files["out"]).run()

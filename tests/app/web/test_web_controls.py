@@ -1,5 +1,6 @@
 """What a person at the page may change (avatar, emotion, mute): checked, shared, told the loop."""
 
+import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -47,6 +48,18 @@ def test_what_cannot_be_picked_is_refused(data: bytes) -> None:
     with pytest.raises(ValueError):
         picks.read(data)
     assert picks.read(b'{"emotion": "happy:0.5"}') == {"emotion": "happy:0.5"}
+
+
+def test_a_page_sees_no_folder_of_this_machine() -> None:
+    """Red before: whoever opened it read where the driver's own avatar lies."""
+    mine = "/home/anna/avatars/avatar_me.safetensors"
+    picks = Picks(mine, ["ada", "ben"])
+    assert picks.offers["avatars"] == ["ada", "ben", "me"] and picks.offers["avatar"] == "me"
+    assert picks.read(b'{"avatar": "me"}') == {"avatar": mine}
+    with pytest.raises(ValueError):
+        picks.read(json.dumps({"avatar": mine}).encode())
+    ours = Picks("/x/avatar_ben.safetensors", ["ada", "ben"])
+    assert ours.offers["avatars"] == ["ada", "ben", "ben (a file)"]
 
 
 def test_picks_reach_the_loop_and_every_page(talker: Talker) -> None:

@@ -6,6 +6,7 @@ import pytest
 from render.avatars.maker import Maker
 from render.avatars.photos import dress
 from render.decoder import identity, mesh_parts
+from render.lighting import LUMINANCE
 
 
 @pytest.fixture(scope="module")
@@ -84,3 +85,15 @@ def test_roots_of_dyed_hair_have_its_hue(maker: Maker) -> None:
     hair, before = (np.median(w.hair.albedo**2, 0).mean() for w in (dyed, ben))
     own = np.median(ben.albedo[at] ** 2, 0).mean()
     assert root.mean() / hair == pytest.approx(own / before, rel=0.3)
+
+
+@pytest.mark.parametrize("name", ["greta", "emil", "lena"])
+def test_light_hair_dyed_black_leaves_no_light_scalp(name: str, maker: Maker) -> None:
+    """Red before: a fringe as of chalk at the hairline, and a patch on the crown."""
+    lender = identity.load(name)
+    dyed = dress.dyed(maker, lender, np.array([0.01, 0.01, 0.01]))
+    crown = dress.anchors(maker)[:, 1] > dress.SCALP_MM[1] + 20
+    crown &= maker.anchor_kinds == mesh_parts.SKIN
+    before, after = (np.median(who.albedo[crown] @ LUMINANCE) for who in (lender, dyed))
+    assert after < 0.75 * before
+    assert np.abs(dyed.albedo - lender.albedo)[maker.face].mean() < 0.02
