@@ -143,7 +143,7 @@ class Window:
             if head.choose(state.avatar):
                 self._marks = EyeMarks(head.decoder, head.identity)
         except (InputError, OSError):
-            state.say(f"The file of {state.avatar} cannot be read; livedrive doctor tells more")
+            state.say(f"The file of {state.label} cannot be read; livedrive doctor tells more")
         began_ns = time.monotonic_ns()
         shown = state.motion.at(began_ns) or REST
         head.draw(*shown, state.orbit, view)
@@ -180,7 +180,7 @@ class Window:
         picture = self._head.still(*shown, state.orbit)
         if state.mirror:
             picture = picture[:, ::-1]
-        path = free_name(Path.cwd(), state.avatar)
+        path = free_name(Path.cwd(), state.label)
         try:
             with files.replacing(path, private=True, durable=False) as draft:
                 Image.fromarray(picture).save(draft)

@@ -7,14 +7,13 @@ from app.window.panels import parts, theme
 from app.window.state.actions import ACTIONS, MOUSE, Action
 from app.window.state.layout import Layout, Rect, toolbar_button
 from app.window.state.window_state import State
-from render.decoder.learned import avatar_files
 from sensors.types import FPS
 
 
 def title(state: State, fonts: theme.Fonts, rect: Rect) -> None:
     draw, scale = imgui.get_background_draw_list(), imgui.get_style().font_scale_dpi
     size = theme.TITLE_PX * scale
-    name = avatar_files.label(state.avatar).capitalize()
+    name = state.label.capitalize()
     draw.add_text(fonts.bold, size, ImVec2(rect.x, rect.y), parts.rgba(theme.TEXT), name)
     passed = clock(state.history.frames)
     if state.info.frames:

@@ -13,7 +13,6 @@ from app.window.panels.eyes import Marks, frame_corners
 from app.window.state.history import SILENCE_DB
 from app.window.state.layout import Rect
 from app.window.state.window_state import State
-from render.decoder.learned import avatar_files
 from sensors.types import EYE_NAMES
 
 AUTOMATIC = "as heard"  # no emotion is chosen
@@ -47,10 +46,9 @@ def _who(state: State, fonts: theme.Fonts) -> None:
         imgui.same_line(left + width + gap)
         parts.heading("Emotion", fonts, first=True)
     # Only what a person has changed is written: others write the controls, too.
-    labels = [avatar_files.label(name) for name in info.avatars]
-    label = labels[info.avatars.index(state.avatar)]
-    if (chosen := parts.pick("avatar", label, labels, width)) != label:
-        controls["avatar"] = labels.index(chosen)
+    label = state.label
+    if (chosen := parts.pick("avatar", label, state.labels, width)) != label:
+        controls["avatar"] = state.labels.index(chosen)
     if info.emotions:
         imgui.same_line()
         names = (AUTOMATIC, *state.emotions)

@@ -9,6 +9,7 @@ from app.window.state.history import History
 from app.window.state.interpolation import Interpolation
 from app.window.state.shared import WindowInfo
 from render.cameras import Orbit
+from render.decoder.learned import avatar_files
 
 Rgb = tuple[float, float, float]
 TOAST_S = 4.0
@@ -33,10 +34,19 @@ class State:
     recording_from: int = 0  # frame at which the recording began
     draw_ms: float = 0.0  # decoding and drawing one picture of the head, lately
     hz: float = 0.0  # pictures shown a second
+    labels: list[str] = field(init=False)  # of info.avatars, for people
+
+    def __post_init__(self) -> None:
+        self.labels = [avatar_files.label(name) for name in self.info.avatars]
 
     @property
     def avatar(self) -> str:
         return self.info.avatars[int(self.controls["avatar"])]
+
+    @property
+    def label(self) -> str:
+        """Of the avatar."""
+        return self.labels[int(self.controls["avatar"])]
 
     @property
     def emotions(self) -> tuple[str, ...]:
