@@ -68,7 +68,6 @@ class Expendable:
     def _lose(self, error: OSError | InputError) -> None:
         self.lost = True
         what = type(self.sink).__name__.removesuffix("Sink").lower()
-        reason: object = error
-        if isinstance(error, OSError):
-            reason = f"{error.strerror or error}; free some space"
-        print(f"livedrive: {what}: {reason}; it ends here, the run goes on", file=sys.stderr)
+        told = getattr(error, "strerror", None) or error
+        cure = "; free some space" if isinstance(error, OSError) else ""
+        print(f"livedrive: {what}: {told}; it ends here, the run goes on{cure}", file=sys.stderr)

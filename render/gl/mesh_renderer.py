@@ -119,8 +119,10 @@ class MeshRenderer:
         self._program["transform"] = tuple(clip_matrix(camera).T.astype(np.float32).ravel())
         size = (camera.width * OVERSAMPLE, camera.height * OVERSAMPLE)
         if self._target is None or self._target.size != size:
-            self._release_target()
+            old = self._target
             self._target = gl.framebuffer([gl.texture(size, 4)], gl.depth_renderbuffer(size))
+            self._target.use()
+            _release(old)
         self._target.use()
         self._target.clear(*camera.background, 1.0)
         gl.enable_only(gl.DEPTH_TEST)
@@ -130,9 +132,9 @@ class MeshRenderer:
         fine = fine.reshape(camera.height, OVERSAMPLE, camera.width, OVERSAMPLE, 3)
         return np.rint(fine.mean((1, 3), dtype=np.float32)).astype(np.uint8)
 
-    def _release_target(self) -> None:
-        """What it was drawn into is not freed by itself."""
-        if self._target is not None:
-            for part in (*self._target.color_attachments, self._target.depth_attachment):
-                part.release()
-            self._target.release()
+
+def _release(target: Any) -> None:
+    """Free what was drawn into, which does not happen by itself; another one must be in use."""
+    if target is not None:
+        for part in (*target.color_attachments, target.depth_attachment, target):
+            part.release()

@@ -157,3 +157,4 @@ def test_a_change_of_size_leaves_nothing_behind(egl_context) -> None:
         made.append(renderer._target)  # noqa: SLF001
     gone, also, last = (type(target.mglo).__name__ == "InvalidObject" for target in made)
     assert gone and also and not last
+    egl_context.check_errors("after the changes")
