@@ -44,7 +44,7 @@ STATUS = np.dtype(
         ("ready", "?"),  # a session is open, or waited for
         ("ending", "?"),  # written by the loop: the run is over
         ("ended", "?"),  # the wearer has ended it
-        ("avatar", "S400"),  # written by the loop: who is drawn
+        ("avatar", "S4096"),  # written by the loop: who is drawn, which may be a path
         ("error", "S400"),  # why there will be no session
         ("problem", "S200"),  # why there is none now; empty: there is one
         ("runtime", "S100"),

@@ -17,6 +17,8 @@ from sensors import files
 from sensors.listening import cannot_listen
 from sensors.types import LOOPBACK, InputError
 
+LEAST_S, MOST_S = 5, 3600  # of a call that is measured: in less, lips may not be judged at all
+
 
 @dataclass(kw_only=True)
 class Server:
@@ -177,8 +179,10 @@ class Test:
         if not self.lines or sorted({*self.lines} & {0, 1, 2, 3}) != sorted(self.lines):
             got = " ".join(map(str, self.lines)) or "none"
             raise InputError(f"--lines: expected numbers in 0..3, each once, got {got}; try 0 1")
-        if not 2 <= self.seconds <= 3600:
-            raise InputError(f"--seconds: expected 2 to 3600, got {self.seconds}")
+        if not LEAST_S <= self.seconds <= MOST_S:
+            raise InputError(
+                f"--seconds: expected {LEAST_S} to {MOST_S}, got {self.seconds:g}; try --seconds 20"
+            )
         if self.room and not 2 <= self.room <= MAX_PEOPLE:
             raise InputError(f"--room: expected 2 to {MAX_PEOPLE} people, got {self.room}")
         if self.room:
