@@ -28,7 +28,7 @@ COMMANDS = {  # words, and what they are to write
         ["mine", *(f"mine/{name}" for name in ("audio.wav", "session.json", "timeline.jsonl"))],
     ),
     "replay": (["replay", SESSION, "--motion", "out.npz"], ["out.npz"]),
-    "call": (["call", "test", "--session", SESSION, "--lines", "0", "--seconds", "2"], []),
+    "call": (["call", "test", "--session", SESSION, "--lines", "0", "--seconds", "5"], []),
 }
 
 
