@@ -4,7 +4,6 @@ Composes motion of a finished data set with render/near_eye. Files eyes_NNN.npz 
 of pairs (`encoder.training.streams.eye_pictures` reads them); finished ones are not made again.
 """
 
-import multiprocessing
 import os
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from app.process import child
+from app.capture.rendering import rendered
 from sensors import files
 
 if TYPE_CHECKING:
@@ -33,8 +32,6 @@ DARK_SHARE = 0.15  # of people with thick dark lashes, behind which a lid's edge
 
 def draw_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str, Any]:
     """Make files until `count` pairs exist; returns how many there are and what a pair cost."""
-    from tqdm import tqdm
-
     from encoder.capture import dataset
 
     per_file = PEOPLE_A_FILE * PAIRS_A_PERSON
@@ -43,14 +40,7 @@ def draw_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str,
     spoken = [s for s in shards if s.startswith(("made", "grid", "own"))] or shards
     jobs = [(folder, k, spoken, (seed, k)) for k in range(number)]
     todo = [job for job in jobs if not _path(folder, job[1]).exists()]
-    # one rasteriser thread a process: the pool keeps the cores busy
-    os.environ["LP_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    costs: list[float] = []
-    with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
-        work = pool.imap_unordered(_file, todo)
-        costs += tqdm(work, total=len(todo), desc="eyes", unit="file", mininterval=2)
-        pool.close()
-        pool.join()  # else they are ended, which is told
+    costs = rendered(_file, todo, processes, "eyes")
     result: dict[str, Any] = {"eye_pairs": number * per_file}
     if costs:
         result["eye_pairs_per_s_on_2_cores"] = round(2 * per_file / float(np.mean(costs)), 1)

@@ -5,8 +5,6 @@ those of `Look.draw`. Files wide_NNN.npz hold left-like pictures, pair after pai
 pictures of anything else. `encoder.training.streams.wide_eyes` reads both.
 """
 
-import multiprocessing
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.capture import eyes as usual
-from app.process import child
+from app.capture.rendering import rendered
 from sensors import files
 
 if TYPE_CHECKING:
@@ -30,19 +28,12 @@ Floats = NDArray[np.float32]
 
 def draw_wide_pairs(folder: Path, count: int, seed: int, processes: int) -> dict[str, Any]:
     """Make files until `count` pairs exist, and the pictures of no eye."""
-    from tqdm import tqdm
-
     from app.capture.no_eyes import no_eye
 
     per_file = usual.PEOPLE_A_FILE * usual.PAIRS_A_PERSON
     jobs = [(folder, k, (seed, 77, k)) for k in range(-(-count // per_file))]
     todo = [job for job in jobs if not _path(folder, job[1]).exists()]
-    os.environ["LP_NUM_THREADS"] = os.environ["OMP_NUM_THREADS"] = "1"
-    with multiprocessing.get_context("spawn").Pool(processes, child.begin_worker) as pool:
-        work = pool.imap_unordered(_file, todo)
-        list(tqdm(work, total=len(todo), desc="wide eyes", unit="file", mininterval=2))
-        pool.close()
-        pool.join()  # else they are ended, which is told
+    rendered(_file, todo, processes, "wide eyes")
     if not (folder / "no_eyes.npz").exists():
         rng = np.random.default_rng((seed, 78))
         _write(folder / "no_eyes.npz", {"pictures": [no_eye(rng, SIZE_PX) for _ in range(NO_EYES)]})

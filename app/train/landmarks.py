@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sensors import files
-
 if TYPE_CHECKING:
     from render.avatars.photos.shape.places import PointPlaces
     from render.training.data.face_data import FaceData
@@ -20,13 +18,11 @@ PEOPLE = 300  # as the decoder's training sees
 def make(face: Path, out: Path | None) -> None:
     """Write both into the folder; takes some minutes.
 
-    Raises InputError where the detector is not installed, there is no face data, or the folder
-    takes no files."""
+    Raises InputError where the detector is not installed, or there is no face data."""
     from render.training.data import face_data
 
     data = face_data.load(face)
     if out:
-        files.check_folder(out, "--out", "choose another")
         out.mkdir(parents=True, exist_ok=True)
     make_shapes(data, make_table(out), out)
 

@@ -4,8 +4,7 @@
     page's microphone, poses and picks -> server == socket ==> ServerLink -> loop
 
 Neither end ever waits: what does not fit is dropped and counted, but for what people pick and what
-is told once. When one end dies, the other reads
-the end of the stream.
+is told once. When one end dies, the other reads the end of the stream.
 """
 
 import contextlib

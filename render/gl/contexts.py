@@ -75,6 +75,14 @@ class GLContext:
             self.window = None
 
 
+def free(target: "moderngl.Framebuffer") -> None:
+    """Delete what was drawn into, which does not happen by itself. Another must be in use before
+    the next one is made, as that binds the last in use again."""
+    for part in (*target.color_attachments, target.depth_attachment, target):
+        if part is not None:
+            part.release()
+
+
 class _GlfwLoader:
     """What moderngl asks of a foreign context: function addresses from glfw."""
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from render import lighting, wrinkles
 from render.decoder import lines
 from render.decoder.mesh_parts import Parts
-from render.gl.contexts import GLContext
+from render.gl.contexts import GLContext, free
 from render.lighting import STUDIO, Lighting
 from render.types import Camera, Floats
 
@@ -118,11 +118,11 @@ class MeshRenderer:
         self._program["viewer"] = tuple(camera.position)
         self._program["transform"] = tuple(clip_matrix(camera).T.astype(np.float32).ravel())
         size = (camera.width * OVERSAMPLE, camera.height * OVERSAMPLE)
-        if self._target is None or self._target.size != size:
-            old = self._target
+        old = self._target
+        if old is None or old.size != size:
             self._target = gl.framebuffer([gl.texture(size, 4)], gl.depth_renderbuffer(size))
-            self._target.use()
-            _release(old)
+            if old is not None:
+                free(old)
         self._target.use()
         self._target.clear(*camera.background, 1.0)
         gl.enable_only(gl.DEPTH_TEST)
@@ -131,10 +131,3 @@ class MeshRenderer:
         fine = np.frombuffer(self._target.read(components=3, alignment=1), np.uint8)
         fine = fine.reshape(camera.height, OVERSAMPLE, camera.width, OVERSAMPLE, 3)
         return np.rint(fine.mean((1, 3), dtype=np.float32)).astype(np.uint8)
-
-
-def _release(target: Any) -> None:
-    """Free what was drawn into, which does not happen by itself; another one must be in use."""
-    if target is not None:
-        for part in (*target.color_attachments, target.depth_attachment, target):
-            part.release()

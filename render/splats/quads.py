@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from render.gl.contexts import GLContext
+from render.gl.contexts import GLContext, free
 from render.splats.projector import Projector
 from render.types import Camera, Gaussians
 from sensors.threads import Threads
@@ -96,6 +96,4 @@ class QuadRenderer:
         gl, old = self._context.gl, self._target
         self._target = gl.framebuffer([gl.texture(size, 4, dtype="f2")])
         self._picture = np.empty((size[1], size[0], 4), np.uint8)
-        for attachment in old.color_attachments:
-            attachment.release()
-        old.release()
+        free(old)

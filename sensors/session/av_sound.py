@@ -10,20 +10,8 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from sensors.session.opening import opened
+from sensors.session.opening import opened, start_s
 from sensors.types import InputError
-
-# Seconds by which a stream may begin later than its file: with less it begins with it, and with
-# more the times are no times.
-LEAST_LATE_S, MOST_LATE_S = 0.04, 60.0
-
-
-def start_s(container: Any, stream: Any) -> float:
-    """How much later a stream begins than the first one of its file."""
-    if stream.start_time is None or container.start_time is None:
-        return 0.0
-    late = float(stream.start_time * stream.time_base) - container.start_time / 1e6
-    return late if LEAST_LATE_S < late < MOST_LATE_S else 0.0
 
 
 class AvSound:

@@ -15,9 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sensors.picture import gray
-from sensors.session.av_sound import AvSound, start_s
+from sensors.session.av_sound import AvSound
 from sensors.session.eye_video import SIDE_BY_SIDE, open_video
-from sensors.session.opening import check_there
+from sensors.session.opening import check_there, start_s
 from sensors.types import EYE_SIZE, FPS, NS, SAMPLE_RATE, InputError
 
 CLIPPED_LEVEL = 0.9999

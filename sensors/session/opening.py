@@ -5,6 +5,10 @@ from typing import Any
 
 from sensors.types import InputError
 
+# Seconds by which a stream may begin later than its file: with less it begins with it, and with
+# more the times are no times.
+LEAST_LATE_S, MOST_LATE_S = 0.04, 60.0
+
 
 def check_there(path: Path, what: str) -> None:
     """Raises InputError unless it is a file; `what` it is to be, e.g. "a sound file"."""
@@ -26,3 +30,11 @@ def opened(path: Path, what: str, give: str) -> Any:
             f"{path}: expected {what}, got something else, or one that is cut off ({reason}); "
             f"give {give}"
         ) from None
+
+
+def start_s(container: Any, stream: Any) -> float:
+    """How much later a stream begins than the first one of its file."""
+    if stream.start_time is None or container.start_time is None:
+        return 0.0
+    late = float(stream.start_time * stream.time_base) - container.start_time / 1e6
+    return late if LEAST_LATE_S < late < MOST_LATE_S else 0.0
