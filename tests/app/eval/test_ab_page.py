@@ -44,6 +44,7 @@ def test_votes_survive_a_reload_and_are_saved_to_be_counted(tmp_path: Path, visi
     visitor.get_by_role("button", name="Right").click()
     back.click()  # a slip is taken back
     visitor.get_by_role("button", name="Left").press("Enter")
+    visitor.locator("#count", has_text="2 of 2").wait_for()  # a busy browser answers later
     visitor.reload()
     assert visitor.inner_text("#count") == "2 of 2"
     visitor.get_by_role("button", name="Right").click()
