@@ -19,13 +19,14 @@ from encoder.capture.speech.corpus import freeform, sentences
 from encoder.capture.speech.languages import TEXTS
 from encoder.capture.speech.phones import PHONE_INDEX, Phone, Speech, pack_phones
 from encoder.capture.speech.synthesis import Espeak
-from encoder.capture.speech.training_texts import VOICES, sentences_of
+from encoder.capture.speech.training_texts import sentences_of
 from encoder.capture.speech.voices import Voice, draw_voice, speak
 from encoder.emotion.labels import LABELS
 from sensors.types import FPS, SAMPLE_RATE, SAMPLES_PER_FRAME
 
 # shares of a subject's time; the paper's capture is about 5 minutes freeform, 1.7 of sentences
 SHARES = {"freeform": 0.55, "sentence": 0.25, "emotion": 0.12, "rest": 0.08}
+VOICES = 5  # drawn for each sentence of a further language
 
 
 @dataclass(frozen=True)
@@ -146,12 +147,10 @@ def _speech_take(
 def language_takes(
     language: str, split: str, lips: LipGeometry | None, seed: tuple[int, ...]
 ) -> Iterator[Take]:
-    """The sentences of a further language, each spoken by other voices: one, or in the training
-    split a few."""
+    """The sentences of a further language, VOICES times, each in a voice drawn anew."""
     rng, espeak = np.random.default_rng(seed), Espeak()
-    testing = split == "test"
-    texts = list(TEXTS[language]) if testing else VOICES * sentences_of(language)
-    for text in texts:
+    texts = list(TEXTS[language]) if split == "test" else sentences_of(language)
+    for text in VOICES * texts:
         who = Talker(draw_voice(split, rng, language), Style.draw(rng), lips, split)
         speech = join(speak(who.voice, [text], "neutral", espeak, rng), (0.25, 0.7), rng)
         yield spoken_take(speech, who, rng, kind="language", text=text)

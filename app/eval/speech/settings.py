@@ -18,7 +18,7 @@ class SpeechSettings(EvalSettings):
     """Use only every n-th of them."""
     samples: Count = 5
     """Samples drawn for each row (the paper: 5)."""
-    segments: Count = 24
+    segments: Count = 48
     """Most segments of 100 frames of each kind of clip."""
     brief: bool = False
     """Only the shipped student: no teacher, no ablations, no ten-minute run."""

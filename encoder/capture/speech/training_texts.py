@@ -150,7 +150,6 @@ TRAINING_TEXTS: dict[str, str] = {
     "lapar. Kami membeli pir dan anggur manis. Tikus lari ke bawah kursi. Tiga teman berjalan "
     "di hutan. Daun-daun jatuh di musim kemarau.",
 }  # fmt: skip
-VOICES = 5  # that each language is spoken by
 
 
 def sentences_of(language: str) -> list[str]:

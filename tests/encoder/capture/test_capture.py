@@ -245,3 +245,12 @@ def test_the_languages_learned_from_are_spoken_by_other_voices_and_say_other_thi
     clips = [take.clip for take in islice(language_takes("el", "train", None, (0,)), 3)]
     assert {clip.split for clip in clips} == {"train"} and all(len(c.spans) > 8 for c in clips)
     assert not any(base in clip.voice for clip in clips for base in TEST_BASES)
+
+
+@needs_espeak
+def test_a_language_is_tested_on_each_sentence_in_several_voices():
+    """A sentence once, 13 s of a language in all, cannot tell 3 % of its lip sync."""
+    clips = [take.clip for take in language_takes("ru", "test", None, (0,))]
+    assert sum(clip.num_frames for clip in clips) > 2000
+    for text in TEXTS["ru"]:
+        assert len({clip.voice for clip in clips if clip.text == text}) > 1
