@@ -54,12 +54,12 @@ class Mouth:
     def codes(self, mouth: Tensor) -> Tensor:
         return mouth @ torch.from_numpy(self.write)
 
-    def stretched(self, truth: Tensor, gains: tuple[float, float]) -> Tensor:
+    def stretched(self, truth: Tensor, gains: tuple[float, float], rest: float = 1.0) -> Tensor:
         """Map [MOUTH, MOUTH] that scales how far the lips are apart and how wide they are by
         `gains`, each without the other, along the directions in which true mouths [N, MOUTH] do
-        so."""
-        more = torch.tensor(gains)[:, None] - 1
-        return torch.eye(MOUTH) + self.lips @ (more * self.ways(truth))
+        so, and all else by `rest`."""
+        more = torch.tensor(gains)[:, None] - rest
+        return rest * torch.eye(MOUTH) + self.lips @ (more * self.ways(truth))
 
     def ways(self, truth: Tensor) -> Tensor:
         """[2, MOUTH]: how true mouths [N, MOUTH] open by one mm without widening, and widen by one

@@ -52,7 +52,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     else:
         chain.check_whole(config.old)
     if old.knows(config.without):
-        config = replace(config, share=0.0)  # they would tell whom they have seen
+        config = replace(config, shares=(0.0, 0.0, 0.0))  # they would tell whom they have seen
     phones = load_encoder(config.phones)
     recipe = f"{checkpoint.load(config.phones, 'audio')[1]['sha256']} {old.blocks}"
     student = old.student()
@@ -77,7 +77,7 @@ def run(config: ListenConfig, face: TrainingFace) -> dict[str, float]:
     metrics, curve = train(listener, pieces, voices, config)
     finish(listener, config, closures(phones.config, listener.direct.hear.in_features))
     names = (
-        "share", "lines", "gain", "width_gain", "opening", "gate", "balance", "rules",
+        "shares", "lines", "gain", "width_gain", "gate", "balance", "rules",
         "voice_rules", "rest", "versions", "noises", "steps", "voice_steps", "contact_steps",
     )  # fmt: skip
     facts = {name: getattr(config, name) for name in names}

@@ -38,9 +38,8 @@ class Listener:
     mouth: Mouth
     scale: tuple[Tensor, Tensor]  # mean and spread of log-odds and of their sigmoids
     lines: LipLines
+    share: Tensor  # [MOUTH, MOUTH]: what is the blocks', the rest is the path's
     mix: Tensor  # [MOUTH, MOUTH]: gains
-    opened: Tensor  # [MOUTH, MOUTH] and
-    shift: Tensor  # [MOUTH]: how much further lips that talk open, and what they are moved by
     rarity: Tensor  # [P + 1] weight of a frame by its phone; the last: not known
 
     @property
@@ -79,15 +78,15 @@ class Listener:
         return _with_total({"voice": rest + config.heard_weight * voice}, config)
 
     def contact_losses(self, batch: Batch, config: ListenConfig) -> dict[str, Tensor]:
-        """Behind the path, frozen and without dropout, before lips open further than true ones and
-        before the head leaves alone those that are far apart: it would push against either, and
-        lips of made speech end 2 % farther from the truth."""
+        """Behind the path, frozen and without dropout, before the head leaves alone lips that are
+        far apart: it would push against that, and lips of made speech end 2 % farther from the
+        truth."""
         heard, own, truth, phones, _, there = batch
         seen = self._seen(heard)
         plain = seen[..., : heard.shape[-1]]
         with torch.no_grad():
             lined = self.lines.beside(self.direct.said(seen), seen)
-            mixed = config.share * own + (1 - config.share) * lined
+            mixed = lined + (own - lined) @ self.share
             voice = self.direct.voiced(plain).sigmoid()
             shown = voice * (mixed @ self.mix)
             x0 = self.student.standardise(self.mouth.codes(shown))
@@ -125,13 +124,12 @@ def new_listener(pieces: SpokenPieces, student: Denoiser, config: ListenConfig) 
     scale = seen.mean(0), seen.std(0) + 1e-2
     direct = Direct(heard.shape[1], student.config.expression_dim, config.hidden)
     contact = new_head(student, mouth.face, config.contact, heard.shape[1])
-    truth, (opening, middle) = torch.from_numpy(pieces.truth[::every]), config.opening
+    truth = torch.from_numpy(pieces.truth[::every])
+    share = mouth.stretched(truth, config.shares[:2], config.shares[2])
     mix = config.gain * mouth.stretched(truth, (1.0, config.width_gain))
-    opened = mouth.stretched(truth, (opening, 1.0))
-    shift = (1 - opening) * middle * mouth.ways(truth)[0]
     rarity = torch.from_numpy(phone_weights(pieces.frames.phones, config.balance))
     lines = LipLines.of(pieces, scale, config.lines)
-    return Listener(direct, contact, student, mouth, scale, lines, mix, opened, shift, rarity)
+    return Listener(direct, contact, student, mouth, scale, lines, share, mix, rarity)
 
 
 @torch.no_grad()
@@ -149,18 +147,17 @@ def finish(listener: Listener, config: ListenConfig, told: Tensor) -> None:
     slope, offset = config.gate
     direct.voice.weight.mul_(slope)
     direct.voice.bias.mul_(slope).add_(offset)
-    mix = listener.mix @ listener.opened
-    said = (1 - config.share) * mix
+    shared = listener.share @ listener.mix
+    said = listener.mix - shared
     for layer in (direct.move, direct.straight):
         layer.weight.copy_(said.T @ layer.weight)
         layer.bias.copy_(said.T @ layer.bias)
-    direct.straight.bias.add_(listener.shift)
     student = listener.student
     read, write = (torch.from_numpy(a) for a in (listener.mouth.read, listener.mouth.write))
     direct.read.copy_(student.expression_std[:, None] * read)
     direct.rest.copy_(student.expression_mean @ read)
     direct.write.copy_(write / student.expression_std)
-    direct.share.copy_(config.share * mix)
+    direct.share.copy_(shared)
     assert direct.share.shape == (MOUTH, MOUTH)
 
 
