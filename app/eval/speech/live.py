@@ -19,6 +19,7 @@ SOUNDS = (".ogg", ".wav", ".flac")
 REST_SECONDS = 60
 NOISE_DBFS = -30.0
 RATE = 48_000
+SHORTEST_S = 1.0  # of a recording
 
 
 def recordings(folder: Path, what: str) -> list[Path]:
@@ -39,10 +40,19 @@ def load_sound(path: Path) -> np.ndarray:  # [T * 1600] f32
     from encoder.capture.subjects.mocap import read_audio
 
     mono = read_audio(path)
-    if len(mono) < RATE or not np.isfinite(mono).all():
-        got = f"{len(mono) / RATE:.2f} s" if len(mono) < RATE else "NaN in it"
+    if len(mono) < SHORTEST_S * RATE or not np.isfinite(mono).all():
+        got = f"{len(mono) / RATE:.2f} s" if len(mono) < SHORTEST_S * RATE else "NaN in it"
         raise InputError(f"{path}: expected a sound of 1 s or more, got {got}; leave it out")
     return mono[: len(mono) // 1600 * 1600]
+
+
+def _too_short(path: Path) -> bool:
+    import soundfile
+
+    try:
+        return soundfile.info(path).duration < SHORTEST_S
+    except soundfile.LibsndfileError:
+        return False  # reading it says what is wrong
 
 
 def drive(driver: "Driver", sound: np.ndarray, seed: int) -> np.ndarray:  # [T, 256]
@@ -111,12 +121,14 @@ def speech_metrics(
 ) -> dict[str, float]:
     """Correlation of the lips' opening with the loudness of real speech; needs no recorded motion.
 
-    Raises InputError where the folder holds no sound.
+    Recordings shorter than a second are left out. Raises InputError where the folder holds no
+    sound.
     """
     from encoder.capture.motion.shift import best_shift
     from encoder.evaluation.metrics import envelope
 
-    paths = recordings(folder, "eval speech --speech")[::every]
+    every_nth = recordings(folder, "eval speech --speech")[::every]
+    paths = [path for path in every_nth if not _too_short(path)] or every_nth[:1]
     scores, openings = list[tuple[float, int]](), list[np.ndarray]()
     for path in paths:
         sound = load_sound(path)

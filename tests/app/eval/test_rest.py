@@ -1,12 +1,14 @@
 """`livedrive eval rest`: sounds that are no voice, made or recorded."""
 
 import json
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 import soundfile
 
-from app.eval.speech import rest
+from app.eval.speech import live, rest
 from app.eval.speech.rest import RestSettings
 from sensors.types import InputError
 
@@ -51,3 +53,13 @@ def test_a_recording_that_tells_nothing_is_told(tmp_path, name, sound, told):
 def test_a_folder_without_recordings_is_told(tmp_path):
     with pytest.raises(InputError, match=r"expected \.ogg.*give a folder of recordings"):
         list(rest.sounds(RestSettings(sounds=tmp_path)))
+
+
+def test_recordings_too_short_to_be_judged_are_left_out(tmp_path, monkeypatch):
+    """Red before: one of 0.9 s among hundreds ended `eval speech --speech` after its tables."""
+    for name, seconds in (("a", 0.9), ("b", 3.0)):
+        sound = 0.1 * np.random.default_rng(0).standard_normal(int(seconds * 48_000))
+        soundfile.write(tmp_path / f"{name}.wav", sound, 48_000)
+    monkeypatch.setattr(live, "drive", lambda driver, sound, seed: np.arange(len(sound) // 1600))
+    mesh: Any = SimpleNamespace(opening_mm=np.sin)
+    assert live.speech_metrics(cast(Any, None), mesh, tmp_path, 1, 0)["recordings"] == 1
