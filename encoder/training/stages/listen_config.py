@@ -18,7 +18,7 @@ class ListenConfig:
     # of the mouth that the blocks' is: of how far lips are apart, how wide they are, and all else;
     # the more, the nearer to rule-made motion and to talkers whom the blocks know, and the more
     # other voices mislead (EXPERIMENTS.md, shares and gains)
-    shares: tuple[float, float, float] = (0.2, 0.25, 0.4)
+    shares: tuple[float, float, float] = (0.1, 0.3, 0.5)
     # of both: a mean of predictions moves less than people do; how far lips open (p95, talkers
     # left out) | lip sync of made speech: 1.25 1.00 | 1.19 .95 | .4 % nearer
     gain: float = 1.19
