@@ -40,8 +40,9 @@ def load_sound(path: Path) -> np.ndarray:  # [T * 1600] f32
     from encoder.capture.subjects.mocap import read_audio
 
     mono = read_audio(path)
-    if len(mono) < SHORTEST_S * RATE or not np.isfinite(mono).all():
-        got = f"{len(mono) / RATE:.2f} s" if len(mono) < SHORTEST_S * RATE else "NaN in it"
+    short = len(mono) < SHORTEST_S * RATE
+    if short or not np.isfinite(mono).all():
+        got = f"{len(mono) / RATE:.2f} s" if short else "NaN in it"
         raise InputError(f"{path}: expected a sound of 1 s or more, got {got}; leave it out")
     return mono[: len(mono) // 1600 * 1600]
 

@@ -63,6 +63,8 @@ def test_a_student_that_listens_shows_shares_of_its_own_mouth_and_of_what_it_hea
     mouth, codes = listener.mouth, student.unstandardise(x0)
     said = listener.lines.beside(listener.direct.said(seen), seen)
     own = codes @ torch.tensor(mouth.read)
+    kept = mouth.spans(own @ listener.share)
+    torch.testing.assert_close(kept, torch.tensor([0.4, 0.3]) * mouth.spans(own), atol=0.02, rtol=0)
     mixed = (own @ listener.share + said - said @ listener.share) @ listener.mix
     voice = (2 * listener.direct.voiced(seen[..., :7]) - 0.5).sigmoid()
     wanted = codes - FACE.mouth(codes) + mouth.codes(voice * mixed)
